@@ -1,0 +1,147 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The generated tables: one arm's model in fixed point, as `hdt gen` writes it and the core reads
+ * it.  Const during a run.  All torques are output side (joint) unless the name says motor.
+ *
+ * Owns: the layout, its number, reading the .hdtm image, the acceptance check.
+ * Never: allocates, converts from floating point (that is model/tablegen).
+ */
+#ifndef HDT_TABLES_H
+#define HDT_TABLES_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define HDT_TABLES_MAGIC 0x4d544448u /* "HDTM" little endian */
+#define HDT_TABLES_LAYOUT 1u         /* bump on any change of the structs below */
+#define HDT_JOINTS_MAX 16
+#define HDT_RIPPLE_KNOTS 1024  /* over one wave-generator turn, 16 counts apart, linear between */
+#define HDT_FRICTION_KNOTS 129 /* over |v| = 0 .. 128 << friction_shift, linear between        */
+#define HDT_LINES_MAX 4
+
+/* Terms a joint may use; a bit not set costs one branch. */
+enum hdt_term {
+    HDT_TERM_GRAVITY,     /* holding torque dU/dq, payload included                            */
+    HDT_TERM_INERTIA,     /* rigid-body M(q) qdd_ref + C(q,qd_ref) qd_ref + reflected rotor     */
+    HDT_TERM_FRICTION,    /* two-sided Stribeck on desired velocity, paper eq. (7)              */
+    HDT_TERM_RIPPLE,      /* periodic friction, wave-generator phase, times direction           */
+    HDT_TERM_STIFFNESS,   /* soft wind-up, three lines of load per direction, paper Table V     */
+    HDT_TERM_LINES,       /* torque lines of any order per output turn (conservative or directed) */
+    HDT_TERM_LOAD,        /* load-dependent friction: mu |gravity| * direction                  */
+    HDT_TERM_TEMPERATURE, /* cold excess of friction, decaying with time since init             */
+    HDT_TERM_PRESLIDING,  /* friction deficit after a reversal, decaying with travel            */
+    HDT_TERM_SPRING,      /* cable or hose: k (q - q0)                                          */
+    HDT_TERM_OFFSET,      /* constant torque                                                   */
+    HDT_TERM_P,           /* feedback kp (q_ref - q)                                            */
+    HDT_TERM_D,           /* feedback kd (v_ref - v_filtered)                                   */
+    HDT_TERMS
+};
+
+/* One direction of motion: [0] positive, [1] negative. */
+struct hdt_stiffness_tab {
+    int32_t t1_q16, t2_q16;      /* N.m  load where line 1 meets 2, and 2 meets 3; t1 <= t2 */
+    int32_t intercept_q16[3];    /* N.m  value of each line at zero load                   */
+    int32_t slope_q24[3];        /* N.m/N.m                                                */
+};
+
+/* amplitude * sin(order * q_output + phase), times direction if directed. */
+struct hdt_line_tab {
+    int32_t amplitude_q16;       /* N.m */
+    uint32_t directed;           /* 0 conservative, 1 times direction of motion */
+    uint32_t phase0;             /* 2^32 a turn */
+    uint64_t phase_per_count_q24;/* phase units per resolver count, modulo 2^40 of a turn */
+};
+
+struct hdt_joint_tab {
+    uint32_t terms;              /* bit (1u << enum hdt_term) */
+
+    /* scaling between resolver counts and output angle */
+    int32_t sign;                /* +1 or -1: output angle per count                         */
+    int32_t zero_cnt;            /* count at q = 0                                           */
+    uint32_t rad_per_count_q44;  /* rad output per count                                     */
+    uint64_t phase_per_count_q24;/* output phase units (2^32 a turn) per count               */
+
+    /* link geometry and inertia: joint frame fixed in link, rotation about its z */
+    int32_t rot_q30[9];          /* previous link -> joint frame at q = 0, row-major          */
+    int32_t trans_q24[3];        /* m  joint origin in the previous link frame                */
+    int32_t mass_q20;            /* kg                                                       */
+    int32_t moment_q20[3];       /* kg.m   first moment about the joint origin                */
+    int32_t inertia_q20[6];      /* kg.m^2 about the joint origin: xx xy xz yy yz zz          */
+    int32_t hold_moment_q20[3];  /* kg.m   first moment of link plus all later mass at the next origin */
+    int32_t rotor_q20;           /* kg.m^2 rotor and wave generator, reflected to the output  */
+
+    /* friction */
+    int32_t v_ramp_q24;          /* rad/s  direction ramps linearly to +-1 within this        */
+    uint32_t friction_shift;     /* knot k stands at |v| = k << friction_shift (rad/s q24)    */
+    int32_t friction_q16[2][HDT_FRICTION_KNOTS]; /* N.m magnitude along motion, by direction  */
+    int16_t ripple_q8[HDT_RIPPLE_KNOTS];         /* N.m by wave-generator phase               */
+    struct hdt_stiffness_tab stiffness[2];
+    uint32_t lines;              /* number used */
+    struct hdt_line_tab line[HDT_LINES_MAX];
+    int32_t load_mu_q24;         /* N.m/N.m */
+    int32_t cold_coulomb_q16;    /* N.m       excess at time zero                            */
+    int32_t cold_viscous_q16;    /* N.m.s/rad excess at time zero                            */
+    int32_t cold_decay_q31;      /* share left after one second: exp(-1 s / T)                */
+    int32_t presliding_q16;      /* N.m       deficit right after a reversal                  */
+    int32_t presliding_inv_q8;   /* 1/rad     one over the travel constant                    */
+    int32_t spring_q16;          /* N.m/rad */
+    int32_t spring_q0_q24;       /* rad     */
+    int32_t offset_q16;          /* N.m     */
+
+    /* feedback and output */
+    int32_t kp_q16;              /* N.m/rad   output side */
+    int32_t kd_q16;              /* N.m.s/rad output side */
+    int32_t digit_per_nm_q24;    /* digits per N.m output: 1000 / (N * torque gain)           */
+
+    /* limits, kept by the gate */
+    int32_t dig_max;             /* digits, 1..32767                                          */
+    int32_t dig_slew;            /* digits per period, 1..65535                               */
+    int32_t spd_max;             /* speed digits, 0..32767                                    */
+    int32_t q_min_q24, q_max_q24;/* rad: outside, only torque back inside is let through       */
+    int32_t v_max_q24;           /* rad/s measured, filtered; above it HDT_FAULT_SPEED        */
+    int32_t follow_max_q24;      /* rad |q_ref - q|; above it HDT_FAULT_FOLLOWING; 0 off       */
+};
+
+struct hdt_tables {
+    uint32_t magic, layout;
+    uint8_t digest[32];          /* SHA-256 of the model file */
+    char name[32];               /* arm, zero-terminated */
+    uint32_t joints;             /* 1..HDT_JOINTS_MAX */
+    uint32_t period_ns;          /* control period */
+    uint32_t rate_q16;           /* periods a second, q16 (must agree with period_ns)          */
+    uint32_t stale_periods;      /* periods without a fresh state until HDT_FAULT_STALE, >= 1  */
+    int32_t gravity_q24[3];      /* m/s^2 in the base frame */
+    int32_t biquad_q28[5];       /* velocity low-pass: b0 b1 b2 a1 a2, a0 = 1                 */
+    struct hdt_joint_tab joint[HDT_JOINTS_MAX];
+};
+
+enum hdt_tables_err {
+    HDT_TABLES_OK = 0,
+    HDT_TABLES_SHORT = -1,   /* image ends early, or carries more than it should */
+    HDT_TABLES_NOT_OURS = -2,/* magic */
+    HDT_TABLES_VERSION = -3, /* layout number differs from HDT_TABLES_LAYOUT */
+    HDT_TABLES_CRC = -4,     /* CRC-32 at the end does not match */
+    HDT_TABLES_RANGE = -5    /* a value the core cannot take; hdt_tables_check says which */
+};
+
+/* Does the core accept these tables?  Everything hdt_step relies on is checked here, once.
+ * Errors: negative; *where (may be NULL) then names the field, *joint its joint or -1.
+ * Context: any thread; not in the cycle. */
+int hdt_tables_check(const struct hdt_tables *t, const char **where, int *joint);
+
+/* Read a .hdtm image: fields in the order above, little endian, only `joints` joints, then CRC-32
+ * (reflected 0xEDB88320, as zlib).  Checks everything hdt_tables_check does.
+ * Errors: negative, *out zeroed.  Context: any thread; not in the cycle. */
+int hdt_tables_read(const uint8_t *image, size_t size, struct hdt_tables *out);
+
+/* The image of t into buf; returns its size, or 0 if cap is too small.  Same bytes on every machine. */
+size_t hdt_tables_write(const struct hdt_tables *t, uint8_t *buf, size_t cap);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

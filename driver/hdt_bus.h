@@ -1,0 +1,77 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * What the cycle needs from the outside: a bus that moves telegrams and a clock.
+ *
+ * Owns: the two contracts, the frame, the bus failures, opening a bus by name.
+ * Never: knows what a telegram means.
+ */
+#ifndef HDT_BUS_H
+#define HDT_BUS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* A telegram image, the same bytes on every bus: sequence, type, payload.
+ * 253 is the most an ARCNET short packet carries. */
+#define HDT_FRAME_MAX 253
+struct hdt_frame {
+    uint16_t len;
+    uint8_t data[HDT_FRAME_MAX];
+};
+
+enum hdt_bus_err {
+    HDT_BUS_OK = 0,
+    HDT_BUS_ERR_AGAIN = -100, /* nothing to receive; or the send queue is full: frame dropped */
+    HDT_BUS_ERR_DOWN = -101,  /* line or peer gone; may come back                             */
+    HDT_BUS_ERR_FRAME = -102  /* bytes arrived that are no frame; they are gone               */
+};
+
+/* Both calls never block.  One thread a bus.  close may be NULL. */
+struct hdt_bus {
+    void *ctx;
+    int (*send)(void *ctx, const struct hdt_frame *f);
+    int (*recv)(void *ctx, struct hdt_frame *f);
+    void (*close)(void *ctx);
+    int (*fd)(void *ctx);     /* to poll on, or -1; may be NULL */
+};
+
+enum hdt_bus_side { HDT_BUS_HOST, HDT_BUS_SERVO };
+
+/* Open `loop:`, `unix:PATH` or `can:IFACE`.  The servo side of unix: creates the socket, the host
+ * side connects.  loop: has both ends in one process; use drv_loop_pair instead.
+ * Errors: negative, *bus zeroed, one line in err saying what, where and the remedy.
+ * Context: start-up; allocates. */
+int hdt_bus_open(struct hdt_bus *bus, const char *name, enum hdt_bus_side side, char *err, size_t errlen);
+void hdt_bus_close(struct hdt_bus *bus);
+const char *hdt_bus_strerror(int err);
+
+/* Monotonic time; never the wall clock. */
+struct hdt_clock {
+    void *ctx;
+    uint64_t (*now_ns)(void *ctx);
+    int (*sleep_until_ns)(void *ctx, uint64_t t_ns); /* 0 or -errno; -EINTR after a signal */
+};
+
+/* The POSIX clock. */
+struct hdt_clock hdt_clock_posix(void);
+
+/* Two ends of a memory bus.  Frames queue up to `depth` (1..16) each way; needs no set-up.
+ * The memory is the caller's; keep it while the buses live. */
+#define DRV_LOOP_DEPTH 16
+struct drv_loop {
+    struct drv_loop_queue {
+        struct hdt_frame frame[DRV_LOOP_DEPTH];
+        unsigned head, tail;
+    } to_servo, to_host;
+    struct drv_loop_end { struct drv_loop *loop; int side; } end[2];
+};
+void drv_loop_pair(struct drv_loop *loop, struct hdt_bus *host, struct hdt_bus *servo);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

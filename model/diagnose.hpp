@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Diagnosis: what does the residual still hold, which effect does the model lack, how much better
+// with it.  Reads logs and a model; nothing else.
+//
+// Owns: noise floor, candidates, evidence, verdicts, the adopted model.
+// Never: shares code with the simulator's hidden effects.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "model/arm_file.hpp"
+#include "model/log.hpp"
+
+namespace hdt {
+
+struct DiagnoseOptions {
+    std::vector<int> joints;        // 1-based; empty: all present
+    double block_s = 0.01;
+};
+
+struct EffectParameter { std::string name, unit; double value, sigma; };
+
+struct Effect {
+    std::string id;                 // of the id list in docs/formats.md
+    std::string axis;               // for "unnamed": what it depends on
+    std::vector<std::string> depends_on;
+    double rms_nm;                  // of its contribution, held out
+    double p_adjusted;              // over everything tried
+    std::vector<EffectParameter> parameters;
+};
+
+struct Candidate { std::string id; double log_e, gain_nm, rms_nm, p_adjusted; std::string note; };
+
+struct JointDiagnosis {
+    int joint;                      // 1-based
+    std::string verdict;            // named, unnamed, suspect, nothing
+    double noise_floor_nm, rms_before_nm, rms_after_nm; // held-out runs only
+    std::vector<Effect> effects;
+    std::vector<std::string> ambiguous_with;
+    std::string next_experiment;
+    std::vector<Candidate> tried;   // all of them, best first
+    std::vector<std::pair<std::string, double>> detection_limit_nm; // per effect, when nothing
+    std::string words;              // the verdict as a sentence
+    // for pictures, held-out runs
+    std::vector<double> t_s, axis_x, residual_before_nm, residual_after_nm;
+    std::string axis_label;
+    std::vector<double> order, spectrum_before_nm, spectrum_after_nm;
+};
+
+struct Diagnosis {
+    ArmFile model;                  // with the effects adopted
+    std::vector<JointDiagnosis> joints;
+};
+
+Diagnosis diagnose(const ArmFile &arm, const std::vector<Run> &fit, const std::vector<Run> &test,
+                   const DiagnoseOptions &options);
+
+// DIR/diagnosis.json, DIR/model.toml, DIR/report.html; each complete or absent.
+void write_diagnosis(const Diagnosis &d, const std::string &dir);
+
+} // namespace hdt

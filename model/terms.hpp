@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// The declared joint model in double precision: what the core computes in fixed point, term by term,
+// and the regressors of the same terms.
+//
+// Owns: the meaning of every term of hdt_arm, once, in floating point.
+// Never: fits anything; knows nothing of hidden effects of the simulator.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include <Eigen/Dense>
+
+#include "model/hdt_arm.h"
+
+namespace hdt {
+
+// What a term needs to know of one sample of the whole arm.
+struct Sample {
+    double t_s;                     // since the run began (cold start)
+    Eigen::VectorXd q, v, a;        // output side
+    Eigen::VectorXd dir;            // direction of motion, -1..1
+    Eigen::VectorXd travel;         // rad since the last reversal
+};
+
+using TermTorque = std::array<double, HDT_TERMS>;
+
+// Torque of every term of every joint, N.m output side; feedback terms zero.
+std::vector<TermTorque> arm_terms(const hdt_arm &arm, const Sample &s);
+
+// Velocity friction magnitude along motion, eq. (7).
+double stribeck_nm(const hdt_arm_friction &f, double speed_radps);
+
+// Soft wind-up torque of the three lines at load x.
+double stiffness_nm(const hdt_arm_stiffness &k, double load_nm);
+
+} // namespace hdt

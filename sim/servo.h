@@ -1,0 +1,66 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The servo driver as the host sees it over the bus: Format A telegrams in and out, modes, brakes,
+ * watchdog, velocity loop (PI at 1504 Hz), torque mode, resolver and torque quantisation.
+ *
+ * Owns: the state machine and loops of the driver; it drives a plant.
+ * Never: reads a clock; time is advanced by the caller.
+ */
+#ifndef SERVO_H
+#define SERVO_H
+
+#include <stdint.h>
+
+#include "driver/drv_telegram.h"
+#include "driver/hdt_bus.h"
+#include "sim/plant.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SERVO_RATE_HZ 1504
+#define SERVO_COUNTS_PER_REV 16384
+
+enum servo_mode { SERVO_STOP, SERVO_CONTROL, SERVO_BRAKE_RELEASE };
+
+struct servo_cfg {
+    double watchdog_s;                     /* 0: 0.4 [pa10-facts A.1, old driver] */
+    double kp_m_nmspr[PLANT_JOINTS_MAX];   /* velocity loop, motor torque per output rad/s; 0: tuned from the model */
+    double ki_m_nmprad[PLANT_JOINTS_MAX];
+    double v_trip_radps;                   /* over-velocity alarm, output side; 0: off */
+};
+
+struct servo_state {
+    enum servo_mode mode;
+    double t_s, last_command_s;
+    struct drv_command command;            /* last cyclic command */
+    uint8_t alarm[PLANT_JOINTS_MAX];
+    uint8_t driver_alarm;
+    double integral_m_nm[PLANT_JOINTS_MAX];
+    double tau_m_nm[PLANT_JOINTS_MAX];     /* what the current loops make now */
+    int32_t last_count[PLANT_JOINTS_MAX];
+    uint64_t answered, refused;            /* telegrams */
+};
+
+struct servo {
+    const struct plant_model *model;
+    struct servo_cfg cfg;
+    struct servo_state s;
+    struct plant_state plant;
+    int32_t zero_cnt[PLANT_JOINTS_MAX];    /* resolver count at q = 0 */
+};
+
+void servo_init(struct servo *v, const struct plant_model *model, const struct servo_cfg *cfg,
+                const double *q_rad, uint64_t seed);
+/* Advance servo and plant by one 1504 Hz tick. */
+void servo_tick(struct servo *v);
+/* Answer one telegram.  Returns 1 and the answer, or 0: no answer (malformed or unknown type; counted). */
+int servo_answer(struct servo *v, const struct hdt_frame *in, struct hdt_frame *out);
+/* Serve everything waiting on the bus.  Returns telegrams answered, or a bus error. */
+int servo_serve(struct servo *v, const struct hdt_bus *bus);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
