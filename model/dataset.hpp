@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// From a raw run to rows a regression can use: smooth velocity and acceleration, direction, travel,
+// masks, and averaging over short blocks, the same for torque and every regressor, so that fast
+// torque lines are neither aliased nor biased.
+//
+// Owns: conditioning, masks with their counts, block means.
+// Never: fits; changes the torque.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Dense>
+
+#include "model/hdt_arm.h"
+#include "model/log.hpp"
+#include "model/terms.hpp"
+
+namespace hdt {
+
+struct ConditionOptions {
+    double block_s = 0.01;
+    double v_min_radps = 0;         // slower rows are masked for friction's sake; 0: chosen from the resolver step
+};
+
+struct MaskCount { std::size_t standstill = 0, spike = 0, saturated = 0, gap = 0; };
+
+// Full-rate signals of one run, columns are joints (absent joints are zero and wholly masked).
+struct Conditioned {
+    std::string name;
+    double rate_hz = 0;
+    Eigen::VectorXd t_s;            // since the start of the run
+    Eigen::MatrixXd q, v, a, dir, travel, tau;
+    Eigen::MatrixXd temp;           // rows x joints, or empty
+    double payload_kg = 0;          // declared for this run (run constant, else the arm's)
+    Eigen::Vector3d payload_com_m = Eigen::Vector3d::Zero();
+    Eigen::Array<bool, Eigen::Dynamic, Eigen::Dynamic> valid;
+    std::vector<MaskCount> masked;  // per joint
+    std::vector<Eigen::Index> block_begin; // block b is rows [block_begin[b], block_begin[b+1])
+
+    Sample sample(Eigen::Index row) const;
+    // Blocks of joint j with enough valid rows, in time order.
+    std::vector<Eigen::Index> blocks(int j) const;
+    // Mean over the valid rows of each such block.
+    Eigen::VectorXd block_mean(int j, const Eigen::Ref<const Eigen::VectorXd> &full) const;
+};
+
+// The arm with this run's declared payload in place.
+hdt_arm arm_for_run(const hdt_arm &arm, const Conditioned &c);
+
+// Throws InputError when the run does not fit the arm (joint count, ratio, sampling).
+Conditioned condition(const Run &run, const hdt_arm &arm, const ConditionOptions &options);
+
+// Torque of every term of the declared model, full rate: [joint] -> rows x HDT_TERMS.
+std::vector<Eigen::MatrixXd> declared_terms(const hdt_arm &arm, const Conditioned &c);
+
+} // namespace hdt
