@@ -5,7 +5,12 @@
 // Owns: forward kinematics, Jacobian, inverse dynamics (recursive Newton-Euler), gravity torque,
 // the linear regressor in standard inertial parameters.
 // Never: friction, gears, rotors; no state; allocation only of what it returns.
+//
+// Vectors have one entry per joint of the arm; another size throws std::invalid_argument.  A link
+// without inertial numbers (has_inertial 0) has no mass.  The payload is a point mass.
 #pragma once
+
+#include <vector>
 
 #include <Eigen/Dense>
 
@@ -20,6 +25,8 @@ using Eigen::VectorXd;
 
 struct Pose { Matrix3d rot; Vector3d pos; };
 
+// Every joint frame (turned by its q) in the base frame, then the flange: joints + 1 poses.
+std::vector<Pose> frames(const hdt_arm &arm, const VectorXd &q_rad);
 // Flange in the base frame.
 Pose flange(const hdt_arm &arm, const VectorXd &q_rad);
 // 6 x n, rows vx vy vz wx wy wz of the flange, base frame.
