@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What every subcommand of `hdt` shares: how it registers, how it fails, how it shows progress.
+//
+// Owns: exit codes (0 ok, 1 the answer is no, 2 usage, 3 bad input), the stop flag of Ctrl-C.
+// Never: computes anything.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <string>
+
+#include "model/arm_file.hpp"
+
+namespace hdt::cli {
+
+enum Exit { Ok = 0, No = 1, Usage = 2, BadInput = 3 };
+
+// Each adds its subcommand; the chosen one leaves its exit code in `code`.
+void add_sim(CLI::App &app, int &code);
+void add_servo(CLI::App &app, int &code);
+void add_host(CLI::App &app, int &code);
+void add_ident(CLI::App &app, int &code);
+void add_diagnose(CLI::App &app, int &code);
+void add_gen(CLI::App &app, int &code);
+void add_replay(CLI::App &app, int &code);
+void add_log(CLI::App &app, int &code);
+void add_compare(CLI::App &app, int &code);
+
+// True once SIGINT or SIGTERM has come; loops end in good order then.
+bool stopped();
+void catch_signals();
+
+// One line that rewrites itself on a terminal; silent in a pipe.
+class Progress {
+public:
+    explicit Progress(std::string what);
+    ~Progress();
+    void at(double share);
+
+private:
+    std::string what_;
+    int last_ = -1;
+    bool tty_;
+};
+
+// Expands "2,4" to joint numbers; throws InputError.
+std::vector<int> parse_joints(const std::string &text);
+
+// Makes the directory and its parents; throws InputError when it cannot.
+void make_directory(const std::string &path);
+
+} // namespace hdt::cli

@@ -1,0 +1,301 @@
+// SPDX-License-Identifier: Apache-2.0
+// See hdt_rig.hpp.
+#include "tools/hdt_rig.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <functional>
+#include <random>
+
+#include "model/arm_file.hpp"
+
+namespace hdt::rig {
+
+namespace {
+
+// What one hidden effect needs: its unit for people, and how it goes into the plant.
+struct EffectKind {
+    const char *name, *unit, *what;
+    std::vector<std::string> options;
+    std::function<void(plant_model &, const hdt_arm &, const HiddenEffect &)> apply;
+};
+
+double option(const HiddenEffect &e, const std::string &key, double fallback)
+{
+    for (const auto &[name, value] : e.options)
+        if (name == key)
+            return value;
+    return fallback;
+}
+
+plant_joint &joint_of(plant_model &plant, const HiddenEffect &e)
+{
+    return plant.joint[e.joint - 1];
+}
+
+void hide_payload(plant_model &plant, const hdt_arm &arm, const HiddenEffect &e)
+{
+    // centre of mass on the tool axis, from the flange into the last link's frame
+    double along[3] = {0, 0, option(e, "com", 0.05)};
+    plant.payload_kg = e.size;
+    for (int i = 0; i < 3; i++) {
+        plant.payload_com_m[i] = arm.flange_m[i];
+        for (int k = 0; k < 3; k++)
+            plant.payload_com_m[i] += arm.flange_rot[3 * i + k] * along[k];
+    }
+}
+
+void hide_line(plant_model &plant, const hdt_arm &, const HiddenEffect &e)
+{
+    plant_joint &joint = joint_of(plant, e);
+    if (joint.lines >= PLANT_LINES_MAX)
+        throw InputError("--effect order_line: the plant takes at most " + std::to_string(PLANT_LINES_MAX) +
+                         " lines a joint");
+    plant_line &line = joint.line[joint.lines++];
+    line.order_rev = option(e, "order", 37);
+    line.amplitude_nm = e.size;
+    line.phase_rad = option(e, "phase", 0.7);
+    line.directed = option(e, "directed", 0) != 0;
+}
+
+const std::vector<EffectKind> &kinds()
+{
+    static const std::vector<EffectKind> menu = {
+        {"payload", "kg", "a body at the flange", {"com"}, hide_payload},
+        {"load_friction", "N m/N m", "friction growing with the gear's load", {},
+         [](plant_model &p, const hdt_arm &, const HiddenEffect &e) { joint_of(p, e).fx_load_mu = e.size; }},
+        {"temperature", "share", "cold start: Coulomb and viscous friction higher by this share", {"time", "viscous"},
+         [](plant_model &p, const hdt_arm &, const HiddenEffect &e) {
+             joint_of(p, e).fx_cold_coulomb = e.size;
+             joint_of(p, e).fx_cold_viscous = option(e, "viscous", 2 * e.size);
+             joint_of(p, e).fx_warm_s = option(e, "time", 30);
+         }},
+        {"order_line", "N m", "a torque line of some order per output turn", {"order", "phase", "directed"}, hide_line},
+        {"inertia", "kg m^2", "extra inertia on the rotor, referred to the output", {},
+         [](plant_model &p, const hdt_arm &, const HiddenEffect &e) { joint_of(p, e).fx_inertia_kgm2 = e.size; }},
+        {"presliding", "N m", "friction that builds up over some travel after a reversal", {"travel"},
+         [](plant_model &p, const hdt_arm &, const HiddenEffect &e) {
+             joint_of(p, e).fx_presliding_nm = e.size;
+             joint_of(p, e).fx_presliding_rad = option(e, "travel", 0.02);
+         }},
+        {"torque_gain", "share", "the motor gives this share more torque than it reports", {},
+         [](plant_model &p, const hdt_arm &, const HiddenEffect &e) { joint_of(p, e).fx_torque_gain = e.size; }},
+        {"cable_spring", "N m/rad", "a hose or cable pulling back to some angle", {"rest"},
+         [](plant_model &p, const hdt_arm &, const HiddenEffect &e) {
+             joint_of(p, e).fx_spring_nmprad = e.size;
+             joint_of(p, e).fx_spring_q0_rad = option(e, "rest", 0);
+         }},
+    };
+    return menu;
+}
+
+const EffectKind &kind_of(const std::string &name)
+{
+    for (const EffectKind &kind : kinds())
+        if (name == kind.name)
+            return kind;
+    throw InputError("--effect: expected NAME=SIZE[@JOINT][:key=value,...], found the name \"" + name +
+                     "\"; known effects:\n" + effect_menu());
+}
+
+double parse_number(const std::string &text, const std::string &where)
+{
+    try {
+        std::size_t used = 0;
+        double value = std::stod(text, &used);
+        if (used == text.size() && std::isfinite(value))
+            return value;
+    } catch (const std::exception &) {
+        // falls through to the error below
+    }
+    throw InputError("--effect " + where + ": expected a number, found \"" + text + "\"");
+}
+
+int32_t fixed(double value, double scale)
+{
+    double x = std::nearbyint(value * scale);
+    return static_cast<int32_t>(std::clamp(x, -2147483647.0, 2147483647.0));
+}
+
+} // namespace
+
+std::string effect_menu()
+{
+    std::string text;
+    for (const EffectKind &kind : kinds()) {
+        text += std::string("  ") + kind.name + " (" + kind.unit + "): " + kind.what;
+        for (std::size_t i = 0; i < kind.options.size(); i++)
+            text += (i == 0 ? "; options " : ", ") + kind.options[i];
+        text += "\n";
+    }
+    return text;
+}
+
+HiddenEffect parse_effect(const std::string &text)
+{
+    HiddenEffect e;
+    std::string head = text.substr(0, text.find(':'));
+    std::size_t equals = head.find('=');
+    e.name = head.substr(0, equals);
+    const EffectKind &kind = kind_of(e.name);
+    if (equals == std::string::npos)
+        throw InputError("--effect " + e.name + ": expected =SIZE in " + kind.unit + ", found nothing");
+    std::string size = head.substr(equals + 1);
+    std::size_t at = size.find('@');
+    if (at != std::string::npos) {
+        double joint = parse_number(size.substr(at + 1), e.name + " joint");
+        if (joint < 1 || joint > PLANT_JOINTS_MAX || joint != std::floor(joint))
+            throw InputError("--effect " + e.name + ": expected a joint from 1, found \"" + size.substr(at + 1) + "\"");
+        e.joint = static_cast<int>(joint);
+        size.resize(at);
+    }
+    e.size = parse_number(size, e.name);
+    if (head.size() < text.size()) {
+        std::string rest = text.substr(head.size() + 1);
+        for (std::size_t from = 0; from <= rest.size();) {
+            std::size_t comma = std::min(rest.find(',', from), rest.size());
+            std::string pair = rest.substr(from, comma - from), key = pair.substr(0, pair.find('='));
+            if (std::find(kind.options.begin(), kind.options.end(), key) == kind.options.end() ||
+                key.size() == pair.size())
+                throw InputError("--effect " + e.name + ": unknown option \"" + pair + "\"; the effects are:\n" +
+                                 effect_menu());
+            e.options.emplace_back(key, parse_number(pair.substr(key.size() + 1), e.name + ":" + key));
+            from = comma + 1;
+        }
+    }
+    return e;
+}
+
+void hide(plant_model &plant, const hdt_arm &arm, const HiddenEffect &effect)
+{
+    if (effect.joint > plant.joints)
+        throw InputError("--effect " + effect.name + ": joint " + std::to_string(effect.joint) + " of an arm with " +
+                         std::to_string(plant.joints));
+    kind_of(effect.name).apply(plant, arm, effect);
+    const char *why = nullptr;
+    plant.step_s = 0;
+    if (plant_model_check(&plant, &why) != 0)
+        throw InputError("--effect " + effect.name + ": the plant cannot take it: " + why);
+}
+
+namespace {
+
+void scatter(plant_joint &joint, std::mt19937_64 &random)
+{
+    std::normal_distribution<double> normal;
+    double friction = 1 + 0.1 * normal(random);
+    for (plant_friction &f : joint.friction) {
+        f.f0_nm *= friction;
+        f.fv_nmspr *= friction;
+        f.fs_nm *= friction;
+    }
+    for (int i = 0; i < joint.lines; i++)
+        joint.line[i].amplitude_nm *= 1 + 0.1 * normal(random);
+}
+
+void fill_joint(plant_joint &p, const hdt_arm_joint &a)
+{
+    std::copy(std::begin(a.rot), std::end(a.rot), p.rot);
+    std::copy(std::begin(a.origin_m), std::end(a.origin_m), p.trans_m);
+    p.mass_kg = a.mass_kg;
+    std::copy(std::begin(a.moment_kgm), std::end(a.moment_kgm), p.moment_kgm);
+    std::copy(std::begin(a.inertia_kgm2), std::end(a.inertia_kgm2), p.inertia_kgm2);
+    p.q_min_rad = a.q_min_rad;
+    p.q_max_rad = a.q_max_rad;
+    p.ratio = a.ratio;
+    std::copy(std::begin(a.k_nmprad), std::end(a.k_nmprad), p.k_nmprad);
+    std::copy(std::begin(a.t_nm), std::end(a.t_nm), p.t_nm);
+    p.rotor_kgm2_m = a.rotor_kgm2_m + a.wave_generator_kgm2_m;
+    p.tau_max_m_nm = a.tau_max_m_nm > 0 ? a.tau_max_m_nm : a.tau_rated_m_nm;
+    // 5 % of critical against the rotor alone: lightly damped, as a strain-wave gear is
+    p.damping_nmspr = 0.1 * std::sqrt(p.k_nmprad[0] * p.rotor_kgm2_m * p.ratio * p.ratio);
+    for (int d = 0; d < 2; d++)
+        p.friction[d] = {a.friction[d].f0_nm, a.friction[d].fv_nmspr, a.friction[d].fs_nm, a.friction[d].vc_radps};
+    for (int i = 0; i < a.ripples && p.lines < PLANT_LINES_MAX; i++)
+        p.line[p.lines++] = {a.ripple[i].order_rev, a.ripple[i].amplitude_nm, a.ripple[i].phase_rad, 1};
+    // 1 % of Coulomb friction from run to run and as slow wander; a thousandth of rated torque as noise
+    p.run_coulomb_sigma_nm = 0.01 * a.friction[0].f0_nm;
+    p.wander_sigma_nm = 0.0075 * a.friction[0].f0_nm;
+    p.wander_s = 10;
+    p.torque_noise_m_nm = 0.001 * p.tau_max_m_nm;
+}
+
+} // namespace
+
+plant_model plant_from_arm(const hdt_arm &arm, uint64_t individual)
+{
+    plant_model plant = {};
+    plant.joints = arm.joints;
+    std::copy(std::begin(arm.gravity_mps2), std::end(arm.gravity_mps2), plant.gravity_mps2);
+    std::mt19937_64 random(individual);
+    for (int j = 0; j < arm.joints; j++) {
+        const hdt_arm_joint &a = arm.joint[j];
+        if (!a.has_inertial || !a.has_gear || !a.has_friction || a.rotor_kgm2_m <= 0)
+            throw InputError(std::string(arm.path) + ": joint." + std::to_string(j + 1) +
+                             ": a plant needs link masses, gear stiffness, friction and rotor inertia; this file lacks "
+                             "some (a measured arm can be diagnosed but not simulated)");
+        fill_joint(plant.joint[j], a);
+        if (individual != 0)
+            scatter(plant.joint[j], random);
+    }
+    const char *why = nullptr;
+    if (plant_model_check(&plant, &why) != 0)
+        throw InputError(std::string(arm.path) + ": no plant can be made from this arm: " + why);
+    return plant;
+}
+
+hdt_arm load_arm(const std::string &path)
+{
+    hdt_arm arm;
+    char error[512];
+    if (hdt_arm_load(path.c_str(), &arm, error, sizeof error) != 0)
+        throw InputError(error);
+    return arm;
+}
+
+hdt_tables tables_of(const hdt_arm &arm)
+{
+    hdt_tables tables;
+    char error[512];
+    if (hdt_arm_tables(&arm, &tables, nullptr, error, sizeof error) != 0)
+        throw InputError(error);
+    return tables;
+}
+
+FixedReference::FixedReference(const Reference &r)
+    : samples_(static_cast<unsigned>(r.q_rad.rows())), joints_(static_cast<unsigned>(r.q_rad.cols())), active_(r.active)
+{
+    constexpr double q24 = 16777216.0, q16 = 65536.0;
+    for (Eigen::Index k = 0; k < r.q_rad.rows(); k++)
+        for (Eigen::Index j = 0; j < r.q_rad.cols(); j++) {
+            q_.push_back({fixed(r.q_rad(k, j), q24)});
+            v_.push_back({fixed(r.v_radps(k, j), q24)});
+            a_.push_back({fixed(r.a_radps2(k, j), q16)});
+        }
+}
+
+drv_reference FixedReference::view() const
+{
+    return {samples_, joints_, active_, q_.data(), v_.data(), a_.data()};
+}
+
+uint32_t mode_of(const std::string &text)
+{
+    if (text == "torque")
+        return HDT_MODE_TORQUE;
+    if (text == "velocity")
+        return HDT_MODE_VELOCITY;
+    throw InputError("--mode: expected torque or velocity, found \"" + text + "\"");
+}
+
+std::vector<const char *> LogHead::pointers() const
+{
+    std::vector<const char *> p;
+    for (const std::string &line : lines)
+        p.push_back(line.c_str());
+    p.push_back(nullptr);
+    return p;
+}
+
+} // namespace hdt::rig

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Where model file, plant, host and logs meet: the rig.
+//
+// Owns: plant from arm file, hidden effects by name, references in fixed point, the virtual-time run.
+// Never: tells the host or the diagnosis what is hidden in the plant.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "driver/drv_host.h"
+#include "model/hdt_arm.h"
+#include "model/task.hpp"
+#include "sim/servo.h"
+
+namespace hdt::rig {
+
+// NAME=SIZE[@JOINT][:key=value,...], e.g. "cable_spring=8@2", "order_line=4@2:order=37".
+struct HiddenEffect {
+    std::string name;
+    double size = 0;
+    int joint = 2;                             // 1-based
+    std::vector<std::pair<std::string, double>> options;
+};
+
+// Throws InputError listing the menu.
+HiddenEffect parse_effect(const std::string &text);
+// The menu with units, for --help.
+std::string effect_menu();
+
+// A healthy arm of this kind with the imperfections of a real one.  individual: 0 the file's numbers,
+// else a seed that scatters friction (10 %) and ripple (10 %) as from one specimen to the next.
+// Soft wind-up lines of the file are a description, not physics: the plant has the gear's spring.
+// Throws InputError when the file lacks what a plant needs.
+plant_model plant_from_arm(const hdt_arm &arm, uint64_t individual);
+
+// Put an effect into the plant.  Throws InputError when it does not fit.
+void hide(plant_model &plant, const hdt_arm &arm, const HiddenEffect &effect);
+
+// Load an arm or throw InputError; make its tables or throw InputError.
+hdt_arm load_arm(const std::string &path);
+hdt_tables tables_of(const hdt_arm &arm);
+
+// A task's samples as the host takes them; keeps the memory.
+class FixedReference {
+public:
+    explicit FixedReference(const Reference &r);
+    drv_reference view() const;
+
+private:
+    unsigned samples_, joints_;
+    uint32_t active_;
+    std::vector<hdt_rad_t> q_;
+    std::vector<hdt_radps_t> v_;
+    std::vector<hdt_radps2_t> a_;
+};
+
+uint32_t mode_of(const std::string &text);     // "torque", "velocity"; throws InputError
+
+// "key = value" lines for the head of a log.
+struct LogHead {
+    std::vector<std::string> lines;
+    std::vector<const char *> pointers() const;
+};
+
+} // namespace hdt::rig
