@@ -84,22 +84,34 @@ struct hdt_out {
     hdt_nm_t total[HDT_JOINTS_MAX];         /* sum of terms, before the gate */
 };
 
+/* Velocity estimate of one joint: second-order low-pass over differenced counts. */
+struct hdt_vel {
+    int32_t x_q24[2], y_q24[2];             /* rad/s: past inputs and outputs, newest first */
+    int32_t rest;                           /* rounding rest fed into the next output, q52  */
+};
+
+/* What the gate remembers. */
+struct hdt_gate {
+    uint32_t fault, fault_joints;
+    uint32_t stale[HDT_JOINTS_MAX];         /* periods since the last fresh count */
+    int32_t digit[HDT_JOINTS_MAX];          /* last digit, joint direction, for the slew limit */
+};
+
 /* State of one arm.  Public so that it can be static and copied: a copy is a snapshot, and a
  * snapshot replays bit for bit.  The members are not interface. */
 typedef struct {
     const struct hdt_tables *tables;
     uint64_t t_us;
-    uint32_t steps, fault, fault_joints;
+    uint64_t second_us;                     /* host time not yet counted in cold_q30 */
+    uint32_t steps;
     uint32_t seen;                          /* bit per joint: a count has arrived */
-    uint32_t stale[HDT_JOINTS_MAX];         /* periods since the last fresh count */
+    uint32_t terms;                         /* terms any joint uses */
+    struct hdt_gate gate;
+    struct hdt_vel vel[HDT_JOINTS_MAX];
     int32_t count[HDT_JOINTS_MAX];          /* last count */
-    int32_t vel_x_q24[HDT_JOINTS_MAX][2];   /* low-pass: past inputs, rad/s  */
-    int32_t vel_y_q24[HDT_JOINTS_MAX][2];   /* low-pass: past outputs, rad/s */
-    int32_t digit[HDT_JOINTS_MAX];          /* last digit sent, for the slew limit */
-    int32_t dir[HDT_JOINTS_MAX];            /* direction of the last motion: -1 0 +1 */
-    int32_t travel_q24[HDT_JOINTS_MAX];     /* rad since the last reversal of the reference */
+    int32_t dir[HDT_JOINTS_MAX];            /* sign of the last motion of the reference: -1 0 +1 */
+    int64_t travel_q40[HDT_JOINTS_MAX];     /* rad since the last reversal of the reference */
     int32_t cold_q30[HDT_JOINTS_MAX];       /* share of the cold excess still there */
-    uint64_t second_us;                     /* part of a second since the last 1 Hz update */
 } hdt_t;
 
 /* Start with these tables.  They must outlive h and not change.

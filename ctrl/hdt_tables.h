@@ -41,7 +41,8 @@ enum hdt_term {
     HDT_TERMS
 };
 
-/* One direction of motion: [0] positive, [1] negative. */
+/* One direction of motion, [0] positive, [1] negative; the value is joint-signed (it is added as
+ * it stands, scaled by |direction|).  Line 1 holds below t1, line 2 up to t2, line 3 above. */
 struct hdt_stiffness_tab {
     int32_t t1_q16, t2_q16;      /* N.m  load where line 1 meets 2, and 2 meets 3; t1 <= t2 */
     int32_t intercept_q16[3];    /* N.m  value of each line at zero load                   */
@@ -50,23 +51,25 @@ struct hdt_stiffness_tab {
 
 /* amplitude * sin(order * q_output + phase), times direction if directed. */
 struct hdt_line_tab {
+    uint64_t phase_per_count_q24;/* order * phase units per count, modulo one turn (2^56)  */
     int32_t amplitude_q16;       /* N.m */
     uint32_t directed;           /* 0 conservative, 1 times direction of motion */
     uint32_t phase0;             /* 2^32 a turn */
-    uint64_t phase_per_count_q24;/* phase units per resolver count, modulo 2^40 of a turn */
 };
 
 struct hdt_joint_tab {
     uint32_t terms;              /* bit (1u << enum hdt_term) */
 
     /* scaling between resolver counts and output angle */
-    int32_t sign;                /* +1 or -1: output angle per count                         */
+    int32_t sign;                /* +1 or -1: output angle per count; also turns digits and
+                                  * speed words, so every other sign here is the joint's     */
     int32_t zero_cnt;            /* count at q = 0                                           */
     uint32_t rad_per_count_q44;  /* rad output per count                                     */
     uint64_t phase_per_count_q24;/* output phase units (2^32 a turn) per count               */
 
     /* link geometry and inertia: joint frame fixed in link, rotation about its z */
-    int32_t rot_q30[9];          /* previous link -> joint frame at q = 0, row-major          */
+    int32_t rot_q30[9];          /* columns: joint axes at q = 0 in the previous link's frame;
+                                  * row-major, v_previous = rot * v_joint                    */
     int32_t trans_q24[3];        /* m  joint origin in the previous link frame                */
     int32_t mass_q20;            /* kg                                                       */
     int32_t moment_q20[3];       /* kg.m   first moment about the joint origin                */
@@ -75,7 +78,7 @@ struct hdt_joint_tab {
     int32_t rotor_q20;           /* kg.m^2 rotor and wave generator, reflected to the output  */
 
     /* friction */
-    int32_t v_ramp_q24;          /* rad/s  direction ramps linearly to +-1 within this        */
+    int32_t v_ramp_inv_q16;      /* s/rad  1 / ramp: direction = clamp(v_ref / ramp, -1, 1)   */
     uint32_t friction_shift;     /* knot k stands at |v| = k << friction_shift (rad/s q24)    */
     int32_t friction_q16[2][HDT_FRICTION_KNOTS]; /* N.m magnitude along motion, by direction  */
     int16_t ripple_q8[HDT_RIPPLE_KNOTS];         /* N.m by wave-generator phase               */
@@ -95,10 +98,10 @@ struct hdt_joint_tab {
     /* feedback and output */
     int32_t kp_q16;              /* N.m/rad   output side */
     int32_t kd_q16;              /* N.m.s/rad output side */
-    int32_t digit_per_nm_q24;    /* digits per N.m output: 1000 / (N * torque gain)           */
+    int32_t digit_per_nm_q24;    /* digits per N.m output: 1000 / (N * torque gain), positive */
 
     /* limits, kept by the gate */
-    int32_t dig_max;             /* digits, 1..32767                                          */
+    int32_t dig_max;             /* digits, 1..32767; motor side, as the digits themselves     */
     int32_t dig_slew;            /* digits per period, 1..65535                               */
     int32_t spd_max;             /* speed digits, 0..32767                                    */
     int32_t q_min_q24, q_max_q24;/* rad: outside, only torque back inside is let through       */
@@ -113,7 +116,8 @@ struct hdt_tables {
     uint32_t joints;             /* 1..HDT_JOINTS_MAX */
     uint32_t period_ns;          /* control period */
     uint32_t rate_q16;           /* periods a second, q16 (must agree with period_ns)          */
-    uint32_t stale_periods;      /* periods without a fresh state until HDT_FAULT_STALE, >= 1  */
+    uint32_t stale_periods;      /* periods in a row without a fresh state that raise
+                                  * HDT_FAULT_STALE, >= 1                                    */
     int32_t gravity_q24[3];      /* m/s^2 in the base frame */
     int32_t biquad_q28[5];       /* velocity low-pass: b0 b1 b2 a1 a2, a0 = 1                 */
     struct hdt_joint_tab joint[HDT_JOINTS_MAX];
@@ -129,17 +133,26 @@ enum hdt_tables_err {
 };
 
 /* Does the core accept these tables?  Everything hdt_step relies on is checked here, once.
- * Errors: negative; *where (may be NULL) then names the field, *joint its joint or -1.
+ * Errors: negative; *where then names the field, *joint its joint (from 0) or -1.  Both may be NULL.
  * Context: any thread; not in the cycle. */
 int hdt_tables_check(const struct hdt_tables *t, const char **where, int *joint);
 
 /* Read a .hdtm image: fields in the order above, little endian, only `joints` joints, then CRC-32
  * (reflected 0xEDB88320, as zlib).  Checks everything hdt_tables_check does.
- * Errors: negative, *out zeroed.  Context: any thread; not in the cycle. */
+ * Errors: negative, *out zeroed; except that HDT_TABLES_VERSION leaves the image's number in
+ * out->layout, and HDT_TABLES_RANGE leaves the values, for hdt_tables_check to name the wrong one.
+ * Context: any thread; not in the cycle. */
 int hdt_tables_read(const uint8_t *image, size_t size, struct hdt_tables *out);
 
-/* The image of t into buf; returns its size, or 0 if cap is too small.  Same bytes on every machine. */
+/* Bytes in the image of an arm of that many joints. */
+size_t hdt_tables_size(uint32_t joints);
+
+/* The image of t into buf; returns its size, or 0 if cap is too small or joints out of range.
+ * Same bytes on every machine. */
 size_t hdt_tables_write(const struct hdt_tables *t, uint8_t *buf, size_t cap);
+
+/* One clause for people, never NULL: "image is cut short or too long". */
+const char *hdt_tables_strerror(int err);
 
 #ifdef __cplusplus
 }
