@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Tables of numbers as text: whole files, lines, fields, numbers, and how bad bytes are shown.
+//
+// Owns: what read_run and convert_run share about text.
+// Never: knows a column's meaning.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace hdt {
+
+// The whole file without a leading byte-order mark.  Throws InputError when it cannot be read or
+// holds a zero byte (no text file does; reading stops there).
+std::string read_text(const std::string &path);
+
+// Lines of a text one by one; a carriage return before the newline is dropped.
+class LineReader {
+public:
+    explicit LineReader(std::string_view text) : rest_(text) {}
+    bool next(std::string_view &line);
+    std::size_t number() const { return number_; }   // of the line last given, from 1
+    bool ended() const { return ended_; }            // that line had its newline
+    std::string_view rest() const { return rest_; }
+
+private:
+    std::string_view rest_;
+    std::size_t number_ = 0;
+    bool ended_ = true;
+};
+
+std::string_view trim(std::string_view s);
+
+// Fields of a line, blanks around each removed.  A blank as separator means any run of blanks.
+void split(std::string_view line, char separator, std::vector<std::string_view> &fields);
+
+// One finite number and nothing else; false otherwise.
+bool parse_number(std::string_view text, double &value);
+
+// Shortest text that reads back as the same double.
+void append_number(std::string &out, double value);
+
+// For messages: quoted, unprintable bytes as \xNN, at most about forty characters.
+std::string shown(std::string_view text);
+
+// "path:line"
+std::string at(const std::string &path, std::size_t line);
+
+} // namespace hdt
