@@ -1,7 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Telegrams of the PA-10 servo driver, Format A (first generation, little endian)
- * [pa10-facts A.3, A.4; from two independent public drivers].
+ * [two independent public drivers, which agree byte for byte: Univ. of Southern Denmark drv_pa10.c
+ * and RobWork PA10Driver.cpp; alarm numbers from the public mhipa10arc driver].  docs/formats.md,
+ * section Telegram, has the byte tables and worked examples.
  *
  * Owns: bytes to struct and back.
  * Never: does I/O, keeps state, guesses: a frame that is not exactly right is refused.
@@ -32,7 +34,7 @@ enum drv_axis_mode { /* command bits of one axis */
     DRV_AXIS_BRAKE = 1u << 0,  /* 1 brake on    */
     DRV_AXIS_SERVO = 1u << 1,  /* 1 servo on    */
     DRV_AXIS_TORQUE = 1u << 2, /* 1 torque, 0 speed */
-    DRV_AXIS_DEADMAN = 1u << 3
+    DRV_AXIS_DEADMAN = 1u << 3 /* dead-man switch watched; the cycle leaves it 0 */
 };
 
 enum drv_axis_status { /* status bits of one axis */
@@ -43,13 +45,43 @@ enum drv_axis_status { /* status bits of one axis */
     DRV_AXIS_POWER_OFF = 1u << 15
 };
 
-/* Alarm numbers of an axis, in DRV_AXIS_ALARM_MASK. */
+#define DRV_ALARM_SHIFT 4 /* alarm number of a status word: (word & DRV_AXIS_ALARM_MASK) >> this */
+
+/* Alarm numbers of an axis, in DRV_AXIS_ALARM_MASK: a number, not a mask. */
 enum drv_alarm {
+    DRV_ALARM_NONE = 0x00,
+    DRV_ALARM_SHARED_MEMORY = 0x01,
+    DRV_ALARM_EEPROM = 0x02,
+    DRV_ALARM_CPU = 0x05,
     DRV_ALARM_VELOCITY_DEVIATION = 0x06,
+    DRV_ALARM_RESOLVER_DEVIATION = 0x07,
     DRV_ALARM_POSITION_LIMIT = 0x08,
     DRV_ALARM_MOTOR_TORQUE = 0x09,
+    DRV_ALARM_POWER_MODULE = 0x0a,
+    DRV_ALARM_BRAKE_SHORT = 0x0b,
+    DRV_ALARM_MOTOR_RESOLVER = 0x0c,
+    DRV_ALARM_GEAR_RESOLVER = 0x0d,
+    DRV_ALARM_OVER_CURRENT = 0x0e,
     DRV_ALARM_OVER_VELOCITY = 0x0f,
+    DRV_ALARM_UNKNOWN = 0x10,
+    DRV_ALARM_EMERGENCY_STOP = 0x11,
+    DRV_ALARM_DEADMAN = 0x12,
+    DRV_ALARM_LIMIT_SWITCH = 0x13,
     DRV_ALARM_TIMEOUT = 0xff
+};
+
+/* Alarm numbers of the servo driver itself, in drv_state.driver_status. */
+enum drv_driver_alarm {
+    DRV_DRIVER_EEPROM = 0x02,
+    DRV_DRIVER_ARCNET = 0x03,
+    DRV_DRIVER_CPU = 0x04,
+    DRV_DRIVER_HOST_TIMEOUT = 0x05,
+    DRV_DRIVER_POWER_TEMPERATURE = 0x06,
+    DRV_DRIVER_POWER_OUTPUT = 0x07,
+    DRV_DRIVER_UNKNOWN = 0x10,
+    DRV_DRIVER_EMERGENCY_STOP = 0x11,
+    DRV_DRIVER_DEADMAN = 0x12,
+    DRV_DRIVER_LIMIT_SWITCH = 0x13
 };
 
 struct drv_command {
@@ -79,17 +111,22 @@ enum drv_telegram_err {
     DRV_TELEGRAM_TYPE = -2     /* not a type of this format */
 };
 
-/* Exact length of the telegram that starts with these bytes, or negative.
- * up: 1 servo to host, 0 host to servo. */
+/* Exact length of the telegram that starts with these bytes; there may be more of them (padding).
+ * up: 1 servo to host, 0 host to servo.
+ * Errors: DRV_TELEGRAM_TYPE, DRV_TELEGRAM_LENGTH when fewer bytes are there than the type has. */
 int drv_telegram_len(const uint8_t *data, unsigned len, int up);
 
+/* Errors of all four: negative enum drv_telegram_err, and the output untouched.  A telegram without
+ * payload ('S', 'E', 'T') decodes with all its axes zero.  Pure; any thread. */
 int drv_command_encode(const struct drv_command *c, struct hdt_frame *f);
 int drv_command_decode(const struct hdt_frame *f, struct drv_command *c);
 int drv_state_encode(const struct drv_state *s, struct hdt_frame *f);
 int drv_state_decode(const struct hdt_frame *f, struct drv_state *s);
 
 /* Name of an alarm number, for people; never NULL. */
-const char *drv_alarm_str(unsigned alarm);
+const char *drv_alarm_str(unsigned alarm);        /* of an axis */
+const char *drv_driver_alarm_str(unsigned alarm); /* of the driver */
+const char *drv_telegram_strerror(int err);
 
 #ifdef __cplusplus
 }
