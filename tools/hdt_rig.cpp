@@ -4,7 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
+#include <cstdio>
+#include <fstream>
 #include <functional>
 #include <random>
 
@@ -34,16 +35,25 @@ plant_joint &joint_of(plant_model &plant, const HiddenEffect &e)
     return plant.joint[e.joint - 1];
 }
 
+// A body at the flange joins what is already there; com in the flange frame.
+void add_payload(plant_model &plant, const hdt_arm &arm, double mass_kg, const double *com_m)
+{
+    double before = plant.payload_kg;
+    plant.payload_kg += mass_kg;
+    for (int i = 0; i < 3; i++) {
+        double at = arm.flange_m[i];
+        for (int k = 0; k < 3; k++)
+            at += arm.flange_rot[3 * i + k] * com_m[k];
+        plant.payload_com_m[i] = (before * plant.payload_com_m[i] + mass_kg * at) / plant.payload_kg;
+    }
+}
+
 void hide_payload(plant_model &plant, const hdt_arm &arm, const HiddenEffect &e)
 {
-    // centre of mass on the tool axis, from the flange into the last link's frame
-    double along[3] = {0, 0, option(e, "com", 0.05)};
-    plant.payload_kg = e.size;
-    for (int i = 0; i < 3; i++) {
-        plant.payload_com_m[i] = arm.flange_m[i];
-        for (int k = 0; k < 3; k++)
-            plant.payload_com_m[i] += arm.flange_rot[3 * i + k] * along[k];
-    }
+    const double com_m[3] = {0, 0, option(e, "com", 0.05)};
+    if (e.size <= 0)
+        throw InputError("--effect payload: expected a mass above 0 kg");
+    add_payload(plant, arm, e.size, com_m);
 }
 
 void hide_line(plant_model &plant, const hdt_arm &, const HiddenEffect &e)
@@ -239,6 +249,8 @@ plant_model plant_from_arm(const hdt_arm &arm, uint64_t individual)
         if (individual != 0)
             scatter(plant.joint[j], random);
     }
+    if (arm.payload_kg > 0)
+        add_payload(plant, arm, arm.payload_kg, arm.payload_com_m);
     const char *why = nullptr;
     if (plant_model_check(&plant, &why) != 0)
         throw InputError(std::string(arm.path) + ": no plant can be made from this arm: " + why);
@@ -289,13 +301,56 @@ uint32_t mode_of(const std::string &text)
     throw InputError("--mode: expected torque or velocity, found \"" + text + "\"");
 }
 
-std::vector<const char *> LogHead::pointers() const
+void hide_all(plant_model &plant, const hdt_arm &arm, const std::vector<std::string> &effects,
+              const std::string &effect_file)
 {
-    std::vector<const char *> p;
-    for (const std::string &line : lines)
-        p.push_back(line.c_str());
-    p.push_back(nullptr);
-    return p;
+    for (const std::string &text : effects)
+        hide(plant, arm, parse_effect(text));
+    if (effect_file.empty())
+        return;
+    std::ifstream file(effect_file);
+    if (!file)
+        throw InputError(effect_file + ": cannot be read (expected one NAME=SIZE[@JOINT] a line)");
+    for (std::string line; std::getline(file, line);)
+        if (!line.empty() && line[0] != '#')
+            hide(plant, arm, parse_effect(line));
+}
+
+drv_writer *open_log(const std::string &path, const hdt_tables &tables, const hdt_arm &arm,
+                     const std::vector<std::string> &head, bool terms)
+{
+    std::vector<const char *> constants;
+    for (const std::string &line : head)
+        constants.push_back(line.c_str());
+    constants.push_back(nullptr);
+    drv_writer_cfg cfg = {};
+    cfg.tables = &tables;
+    for (int j = 0; j < arm.joints; j++)
+        cfg.ratio[j] = arm.joint[j].ratio;
+    cfg.constants = constants.data();
+    cfg.terms = terms;
+    char error[512];
+    drv_writer *writer = drv_writer_open(path.c_str(), &cfg, error, sizeof error);
+    if (writer == nullptr)
+        throw InputError(error);
+    return writer;
+}
+
+int explain_end(const char *who, const drv_host &host)
+{
+    if (host.phase == DRV_HOST_SILENT) {
+        std::fprintf(stderr, "%s: the servo never answered: expected a state telegram within %.1f s of 'S'; is it "
+                             "running on this bus?\n", who, host.cfg.answer_s);
+        return 3;
+    }
+    if (host.phase != DRV_HOST_FAULT)
+        return 0;
+    for (uint32_t bit = 1; bit != 0; bit <<= 1)
+        if (host.out.fault & bit)
+            std::fprintf(stderr, "%s: fault: %s (joint mask 0x%x) at %.3f s; brakes are on\n", who,
+                         hdt_fault_str(bit), host.out.fault_joints,
+                         static_cast<double>(host.in.t_us - host.t0_us) * 1e-6);
+    return 1;
 }
 
 } // namespace hdt::rig

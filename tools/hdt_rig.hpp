@@ -59,10 +59,15 @@ private:
 
 uint32_t mode_of(const std::string &text);     // "torque", "velocity"; throws InputError
 
-// "key = value" lines for the head of a log.
-struct LogHead {
-    std::vector<std::string> lines;
-    std::vector<const char *> pointers() const;
-};
+// Hidden effects from options and from a file of one effect a line ("" for none).
+void hide_all(plant_model &plant, const hdt_arm &arm, const std::vector<std::string> &effects,
+              const std::string &effect_file);
+
+// A log writer for this arm; head: "key = value" lines.  Throws InputError.
+drv_writer *open_log(const std::string &path, const hdt_tables &tables, const hdt_arm &arm,
+                     const std::vector<std::string> &head, bool terms);
+
+// Say on stderr why a run ended early, if it did; returns the exit code.
+int explain_end(const char *who, const drv_host &host);
 
 } // namespace hdt::rig

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // `hdt sim`: host, servo and plant in one process and in virtual time, as fast as it goes.
-#include <cstdio>
-#include <fstream>
 #include <memory>
 
 #include "tools/hdt_cli.hpp"
@@ -39,45 +37,60 @@ struct World {
     }
 };
 
-// Hidden effects from the options and from a file of one effect a line.
-void hide_all(plant_model &plant, const hdt_arm &arm, const std::vector<std::string> &effects,
-              const std::string &effect_file)
+// What the run is about, for the head of its log.
+std::vector<std::string> log_head(const SimOptions &o)
 {
-    for (const std::string &text : effects)
-        rig::hide(plant, arm, rig::parse_effect(text));
-    if (effect_file.empty())
-        return;
-    std::ifstream file(effect_file);
-    if (!file)
-        throw InputError(effect_file + ": cannot be read (expected one NAME=SIZE[@JOINT] a line)");
-    for (std::string line; std::getline(file, line);)
-        if (!line.empty() && line[0] != '#')
-            rig::hide(plant, arm, rig::parse_effect(line));
+    std::vector<std::string> head = {"task = " + o.task, "mode = " + o.mode, "seed = " + std::to_string(o.seed)};
+    if (o.payload_kg != 0) {
+        head.push_back("payload_kg = " + std::to_string(o.payload_kg));
+        head.push_back("payload_com_m = 0 0 0.05");
+    }
+    return head;
+}
+
+// Host periods and servo ticks in the order of time until the run ends; false: the log failed.
+bool play(World &world, drv_ring &ring, drv_writer *writer, double rate_hz, unsigned samples)
+{
+    Progress progress("hdt sim");
+    auto record = std::make_unique<drv_record>();
+    drv_host_phase phase = DRV_HOST_STARTING;
+    for (uint64_t k = 1; phase < DRV_HOST_DONE; k++) {
+        double t_s = static_cast<double>(k) / rate_hz;
+        world.servo_until(t_s);
+        if (stopped())
+            drv_host_stop(world.host.get());
+        phase = drv_host_period(world.host.get(), static_cast<uint64_t>(t_s * 1e6));
+        while (drv_ring_pop(&ring, record.get()))
+            if (drv_writer_put(writer, record.get()) != 0)
+                return false;
+        progress.at(static_cast<double>(world.host->sample) / samples);
+    }
+    return true;
 }
 
 int run(const SimOptions &o)
 {
     hdt_arm arm = rig::load_arm(o.arm);
     hdt_arm model = o.model.empty() ? arm : rig::load_arm(o.model);
-    if (o.payload_kg != 0) {
-        arm.payload_kg = model.payload_kg = o.payload_kg;
-        arm.payload_com_m[2] = model.payload_com_m[2] = 0.05;
-    }
     if (model.joints != arm.joints)
         throw InputError(o.model + ": " + std::to_string(model.joints) + " joints, but " + o.arm + " has " +
                          std::to_string(arm.joints));
-    uint32_t mode = rig::mode_of(o.mode);
+    if (o.payload_kg != 0) {
+        arm.payload_kg = model.payload_kg = o.payload_kg;
+        for (hdt_arm *a : {&arm, &model}) {
+            a->payload_com_m[0] = a->payload_com_m[1] = 0;
+            a->payload_com_m[2] = 0.05;
+        }
+    }
     Reference reference = make_task(model, o.task, model.control_rate_hz);
     rig::FixedReference fixed(reference);
     hdt_tables tables = rig::tables_of(model);
     plant_model plant = rig::plant_from_arm(arm, o.individual);
-    hide_all(plant, arm, o.effects, o.effect_file);
+    rig::hide_all(plant, arm, o.effects, o.effect_file);
 
     World world;
     drv_loop_pair(&world.loop, &world.host_bus, &world.servo_bus);
-    std::vector<double> start(static_cast<std::size_t>(arm.joints));
-    for (int j = 0; j < arm.joints; j++)
-        start[static_cast<std::size_t>(j)] = reference.q_rad(0, j);
+    Eigen::VectorXd start = reference.q_rad.row(0);
     servo_cfg servo_options = {};
     servo_init(world.driver.get(), &plant, &servo_options, start.data(), o.seed);
     std::vector<drv_record> slots(16);
@@ -85,54 +98,16 @@ int run(const SimOptions &o)
     drv_ring_init(&ring, slots.data(), static_cast<unsigned>(slots.size()));
     drv_reference view = fixed.view();
     drv_host_cfg cfg = {};
-    cfg.mode = mode;
+    cfg.mode = rig::mode_of(o.mode);
     cfg.settle_s = 0.2;
     if (drv_host_init(world.host.get(), &tables, &world.host_bus, &ring, &view, &cfg) != HDT_OK)
         throw InputError(o.arm + ": the core does not accept its tables");
 
-    rig::LogHead head;
-    head.lines = {"task = " + o.task, "mode = " + o.mode, "seed = " + std::to_string(o.seed)};
-    if (o.payload_kg != 0) {
-        head.lines.push_back("payload_kg = " + std::to_string(o.payload_kg));
-        head.lines.push_back("payload_com_m = 0 0 0.05");
-    }
-    std::vector<const char *> constants = head.pointers();
-    drv_writer_cfg writer_cfg = {};
-    writer_cfg.tables = &tables;
-    for (int j = 0; j < arm.joints; j++)
-        writer_cfg.ratio[j] = model.joint[j].ratio;
-    writer_cfg.constants = constants.data();
-    writer_cfg.terms = o.terms;
-    char error[512];
-    drv_writer *writer = drv_writer_open(o.out.c_str(), &writer_cfg, error, sizeof error);
-    if (writer == nullptr)
-        throw InputError(error);
-
-    Progress progress("hdt sim");
-    drv_host_phase phase = DRV_HOST_STARTING;
-    auto record = std::make_unique<drv_record>();
-    bool written = true;
-    for (uint64_t k = 1; phase < DRV_HOST_DONE && written; k++) {
-        double t_s = static_cast<double>(k) / model.control_rate_hz;
-        world.servo_until(t_s);
-        if (stopped())
-            drv_host_stop(world.host.get());
-        phase = drv_host_period(world.host.get(), static_cast<uint64_t>(t_s * 1e6));
-        while (drv_ring_pop(&ring, record.get()))
-            written = drv_writer_put(writer, record.get()) == 0 && written;
-        progress.at(static_cast<double>(world.host->sample) / static_cast<double>(reference.q_rad.rows()));
-    }
+    drv_writer *writer = rig::open_log(o.out, tables, model, log_head(o), o.terms);
+    bool written = play(world, ring, writer, model.control_rate_hz, view.samples);
     if (drv_writer_close(writer, written) != 0 || !written)
         throw InputError(o.out + ": the log could not be written (disk full?)");
-    if (phase == DRV_HOST_FAULT) {
-        for (uint32_t bit = 1; bit != 0; bit <<= 1)
-            if (world.host->out.fault & bit)
-                std::fprintf(stderr, "hdt sim: fault: %s (joints mask 0x%x) at %.3f s; the log up to there is in %s\n",
-                             hdt_fault_str(bit), world.host->out.fault_joints,
-                             static_cast<double>(world.host->in.t_us) * 1e-6, o.out.c_str());
-        return No;
-    }
-    return Ok;
+    return rig::explain_end("hdt sim", *world.host);
 }
 
 } // namespace

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// `hdt ident`, `hdt diagnose`, `hdt gen`: from logs to a model, from a model to tables.
+#include <cstdio>
+#include <memory>
+
+#include "model/diagnose.hpp"
+#include "model/files.hpp"
+#include "model/ident.hpp"
+#include "model/tablegen.hpp"
+#include "tools/hdt_cli.hpp"
+#include "tools/hdt_rig.hpp"
+
+namespace hdt::cli {
+
+namespace {
+
+struct FitOptions {
+    std::string model, joints, out;
+    std::vector<std::string> fit, test;
+};
+
+std::vector<Run> read_runs(const std::vector<std::string> &paths)
+{
+    Progress progress("reading logs");
+    std::vector<Run> runs;
+    for (const std::string &path : paths) {
+        progress.at(static_cast<double>(runs.size()) / static_cast<double>(paths.size()));
+        runs.push_back(read_run(path));
+    }
+    return runs;
+}
+
+int run_ident(const FitOptions &o)
+{
+    ArmFile arm = ArmFile::load(o.model);
+    std::vector<Run> fit = read_runs(o.fit), test = read_runs(o.test);
+    IdentOptions options;
+    options.joints = parse_joints(o.joints);
+    IdentResult result = identify(arm, fit, test, options);
+    make_directory(o.out);
+    write_ident(result, o.out);
+    std::printf("joint   fit rms before  after    held out before  after   N.m\n");
+    for (const JointFit &j : result.joints)
+        std::printf("%5d %15.3f %6.3f %18.3f %6.3f\n", j.joint, j.rms_before_nm, j.rms_after_nm,
+                    j.held_out_before_nm, j.held_out_after_nm);
+    std::printf("model: %s/model.toml   report: %s/report.html\n", o.out.c_str(), o.out.c_str());
+    return Ok;
+}
+
+int run_diagnose(const FitOptions &o)
+{
+    ArmFile arm = ArmFile::load(o.model);
+    std::vector<Run> fit = read_runs(o.fit), test = read_runs(o.test);
+    DiagnoseOptions options;
+    options.joints = parse_joints(o.joints);
+    Diagnosis d = diagnose(arm, fit, test, options);
+    make_directory(o.out);
+    write_diagnosis(d, o.out);
+    std::printf("joint  verdict   floor  before   after N.m   in words\n");
+    for (const JointDiagnosis &j : d.joints)
+        std::printf("%5d  %-8s %6.3f %7.3f %7.3f       %s\n", j.joint, j.verdict.c_str(), j.noise_floor_nm,
+                    j.rms_before_nm, j.rms_after_nm, j.words.c_str());
+    std::printf("diagnosis: %s/diagnosis.json   model: %s/model.toml   report: %s/report.html\n", o.out.c_str(),
+                o.out.c_str(), o.out.c_str());
+    return Ok;
+}
+
+int run_gen(const std::string &path, const std::string &out)
+{
+    hdt_arm arm = rig::load_arm(path);
+    hdt_tables tables;
+    hdt_gen_report report;
+    char error[512];
+    if (hdt_arm_tables(&arm, &tables, &report, error, sizeof error) != 0)
+        throw InputError(error);
+    // PATH/pa10.toml -> pa10
+    std::string stem = path.substr(path.find_last_of('/') + 1);
+    stem = stem.substr(0, stem.find_last_of('.'));
+    std::string image(sizeof tables + 64, '\0');
+    image.resize(hdt_tables_write(&tables, reinterpret_cast<uint8_t *>(image.data()), image.size()));
+    make_directory(out);
+    write_file(out + "/" + stem + ".hdtm", image);
+    write_file(out + "/hdt_tables_" + stem + ".c", tables_c_source(tables, stem));
+    std::printf("%s/%s.hdtm and %s/hdt_tables_%s.c, layout %u\n", out.c_str(), stem.c_str(), out.c_str(), stem.c_str(),
+                HDT_TABLES_LAYOUT);
+    std::printf("worst quantisation error, N.m output side: gravity %.2g, friction %.2g, ripple %.2g, lines %.2g\n",
+                report.gravity_nm, report.friction_nm, report.ripple_nm, report.lines_nm);
+    return Ok;
+}
+
+} // namespace
+
+void add_ident(CLI::App &app, int &code)
+{
+    auto o = std::make_shared<FitOptions>();
+    CLI::App *sub = app.add_subcommand("ident", "fit the model's numbers to logs");
+    sub->add_option("--arm", o->model, "model file to start from")->required();
+    sub->add_option("--fit", o->fit, "logs to fit")->required();
+    sub->add_option("--test", o->test, "logs held out");
+    sub->add_option("--joints", o->joints, "only these, as in 2,4");
+    sub->add_option("--out", o->out, "directory for model.toml, ident.json, report.html")->required();
+    sub->callback([o, &code] { code = run_ident(*o); });
+}
+
+void add_diagnose(CLI::App &app, int &code)
+{
+    auto o = std::make_shared<FitOptions>();
+    CLI::App *sub = app.add_subcommand("diagnose", "find the effect the model lacks, add it, report before and after");
+    sub->add_option("--model", o->model, "model file, identified")->required();
+    sub->add_option("--fit", o->fit, "logs to look at")->required();
+    sub->add_option("--test", o->test, "logs held out for the before and after")->required();
+    sub->add_option("--joints", o->joints, "only these, as in 2,4");
+    sub->add_option("--out", o->out, "directory for diagnosis.json, model.toml, report.html")->required();
+    sub->callback([o, &code] { code = run_diagnose(*o); });
+}
+
+void add_gen(CLI::App &app, int &code)
+{
+    auto path = std::make_shared<std::string>();
+    auto out = std::make_shared<std::string>(".");
+    CLI::App *sub = app.add_subcommand("gen", "fixed-point tables from a model file");
+    sub->add_option("arm", *path, "model file")->required();
+    sub->add_option("--out", *out, "directory for ARM.hdtm and hdt_tables_ARM.c")->capture_default_str();
+    sub->callback([path, out, &code] { code = run_gen(*path, *out); });
+}
+
+} // namespace hdt::cli

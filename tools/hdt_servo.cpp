@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// `hdt servo`: the emulated servo driver with its arm, in real time, on a bus.
+#include <cerrno>
+#include <cstdio>
+#include <memory>
+
+#include "model/task.hpp"
+#include "tools/hdt_cli.hpp"
+#include "tools/hdt_rig.hpp"
+
+namespace hdt::cli {
+
+namespace {
+
+struct ServoOptions {
+    std::string arm, bus, task, effect_file;
+    std::vector<std::string> effects;
+    uint64_t seed = 1, individual = 0;
+    double seconds = 0;
+};
+
+// Tick by the clock; a late wake-up is made up for, up to a tenth of a second at once.
+int serve(servo &driver, hdt_bus &bus, double seconds)
+{
+    constexpr uint64_t tick_ns = 1000000000u / SERVO_RATE_HZ;
+    hdt_clock clock = hdt_clock_posix();
+    uint64_t start = clock.now_ns(clock.ctx), next = start, skipped = 0;
+    while (!stopped()) {
+        if (seconds > 0 && static_cast<double>(next - start) * 1e-9 > seconds)
+            break;
+        next += tick_ns;
+        int slept = clock.sleep_until_ns(clock.ctx, next);
+        if (slept != 0 && slept != -EINTR)
+            throw InputError("hdt servo: the monotonic clock cannot be slept on");
+        uint64_t now = clock.now_ns(clock.ctx);
+        if (now > next + 100000000u) {
+            skipped += (now - next) / tick_ns;
+            next = now;
+        }
+        servo_serve(&driver, &bus);
+        servo_tick(&driver);
+    }
+    std::fprintf(stderr, "hdt servo: %llu telegrams answered, %llu refused, %llu ticks skipped\n",
+                 static_cast<unsigned long long>(driver.s.answered), static_cast<unsigned long long>(driver.s.refused),
+                 static_cast<unsigned long long>(skipped));
+    return Ok;
+}
+
+int run(const ServoOptions &o)
+{
+    hdt_arm arm = rig::load_arm(o.arm);
+    plant_model plant = rig::plant_from_arm(arm, o.individual);
+    rig::hide_all(plant, arm, o.effects, o.effect_file);
+    Eigen::VectorXd start = Eigen::VectorXd::Zero(arm.joints);
+    if (!o.task.empty())
+        start = make_task(arm, o.task, arm.control_rate_hz).q_rad.row(0);
+    auto driver = std::make_unique<servo>();
+    servo_cfg options = {};
+    servo_init(driver.get(), &plant, &options, start.data(), o.seed);
+    hdt_bus bus;
+    char error[512];
+    if (hdt_bus_open(&bus, o.bus.c_str(), HDT_BUS_SERVO, error, sizeof error) != 0)
+        throw InputError(error);
+    int code = serve(*driver, bus, o.seconds);
+    hdt_bus_close(&bus);
+    return code;
+}
+
+} // namespace
+
+void add_servo(CLI::App &app, int &code)
+{
+    auto o = std::make_shared<ServoOptions>();
+    CLI::App *sub = app.add_subcommand("servo", "the emulated servo driver and arm, in real time, on a bus");
+    sub->add_option("--arm", o->arm, "model file of the arm that is simulated")->required();
+    sub->add_option("--bus", o->bus, "unix:PATH or can:IFACE")->required();
+    sub->add_option("--task", o->task, "stand where this task starts (default: all joints at zero)");
+    sub->add_option("--effect", o->effects, "hide an effect in the plant: NAME=SIZE[@JOINT][:key=value,...]\n" + rig::effect_menu());
+    sub->add_option("--effect-file", o->effect_file, "hide the effects in this file, one a line");
+    sub->add_option("--seed", o->seed, "noise and scatter")->capture_default_str();
+    sub->add_option("--individual", o->individual, "which specimen of the arm; 0 has the file's friction exactly")->capture_default_str();
+    sub->add_option("--seconds", o->seconds, "stop after this long (default: at Ctrl-C)");
+    sub->callback([o, &code] { code = run(*o); });
+}
+
+} // namespace hdt::cli
