@@ -8,7 +8,7 @@ CC      ?= cc
 CXX     ?= c++
 OPT     ?= -O2 -g
 HDT_DATA ?= ../shared/data
-export HDT_DATA
+export BUILD HDT_DATA
 
 VERSION := $(shell awk '/define HDT_VERSION_(MAJOR|MINOR|PATCH)/{v=v s $$3; s="."} END{print v}' ctrl/hdt.h)
 SOMAJOR := $(firstword $(subst ., ,$(VERSION)))
@@ -18,70 +18,121 @@ ifeq ($(filter -j%,$(MAKEFLAGS)),)
 MAKEFLAGS += -j$(shell nproc 2>/dev/null || echo 2)
 endif
 
-WARN := -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror
+WARN  := -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror
 CWARN := $(WARN) -Wstrict-prototypes -Wmissing-prototypes
-INC  := -I. -I$(BUILD)/gen
-DEP   = -MMD -MP
-ctrl_FLAGS   := -std=c99 -ffreestanding -fPIC $(CWARN)
-driver_FLAGS := -std=c99 -D_POSIX_C_SOURCE=200809L -fPIC $(CWARN)
-sim_FLAGS    := -std=c99 $(CWARN)
-CXXFLAGS_    := -std=c++17 $(WARN) -isystem /usr/include/eigen3 -DEIGEN_MPL2_ONLY
+INC   := -I. -I$(BUILD)/gen
+DEP    = -MMD -MP
+LINK  := -llcm -lcrypto -lpthread -lm
+CHECK := -lcheck_pic -lsubunit -lrt
 
 obj = $(patsubst %,$(BUILD)/obj/%.o,$(1))
 CTRL   := $(call obj,$(wildcard ctrl/*.c))
 DRIVER := $(call obj,$(wildcard driver/*.c))
+LCMGEN := $(BUILD)/obj/gen/hdt_cycle_t.o
 SIM    := $(call obj,$(wildcard sim/*.c))
 MODEL  := $(call obj,$(wildcard model/*.cpp))
 TOOLS  := $(call obj,$(wildcard tools/hdt*.cpp))
+BENCH  := $(patsubst tools/%.c,$(BUILD)/%,$(wildcard tools/bench_*.c))
 TESTS  := $(patsubst tests/%.c,$(BUILD)/tests/%,$(wildcard tests/check_*.c)) \
           $(patsubst tests/%.cpp,$(BUILD)/tests/%,$(wildcard tests/check_*.cpp))
+LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
+READY  := $(BUILD)/.ready
 
-.PHONY: all demo check bench install clean help deps check-layers
+.PHONY: all demo check bench install clean help guards
 .DELETE_ON_ERROR:
 .SECONDARY:
 
 ## all: libraries and build/hdt
 all: $(BUILD)/libhdt.a $(BUILD)/libhdt.so.$(VERSION) $(BUILD)/hdt
 
-help:
-	@sed -n 's/^## /  /p' $(MAKEFILE_LIST)
+## demo: the whole loop in the rig; EFFECT=cable_spring=8@2 chooses what is hidden, DATA=DIR a measured arm
+demo: $(BUILD)/hdt
+	@if [ -n "$(DATA)" ]; then tools/demo --data "$(DATA)"; else tools/demo $(EFFECT); fi
 
-$(BUILD)/obj/ctrl/%.c.o: ctrl/%.c
-	@mkdir -p $(@D)
-	$(CC) $(OPT) $(ctrl_FLAGS) $(INC) $(DEP) -c $< -o $@
-$(BUILD)/obj/driver/%.c.o: driver/%.c
-	@mkdir -p $(@D)
-	$(CC) $(OPT) $(driver_FLAGS) $(INC) $(DEP) -c $< -o $@
-$(BUILD)/obj/sim/%.c.o: sim/%.c
-	@mkdir -p $(@D)
-	$(CC) $(OPT) $(sim_FLAGS) $(INC) $(DEP) -c $< -o $@
-$(BUILD)/obj/%.cpp.o: %.cpp
-	@mkdir -p $(@D)
-	$(CXX) $(OPT) $(CXXFLAGS_) $(INC) $(DEP) -c $< -o $@
-$(BUILD)/obj/tests/%.c.o: tests/%.c
-	@mkdir -p $(@D)
-	$(CC) $(OPT) -std=gnu99 -Wall -Wextra -Werror -Wno-sign-compare $(INC) $(DEP) -c $< -o $@
+## check: guards and all tests
+check: guards $(TESTS) $(BUILD)/hdt
+	@tools/run-tests $(TESTS)
 
-$(BUILD)/libhdt.a: $(CTRL) $(DRIVER)
-	@rm -f $@
-	ar rcs $@ $^
-$(BUILD)/libhdt.so.$(VERSION): $(CTRL) $(DRIVER)
-	$(CC) -shared -Wl,-soname,libhdt.so.$(SOMAJOR) -o $@ $^ -llcm
-$(BUILD)/librig.a: $(SIM) $(MODEL)
-	@rm -f $@
-	ar rcs $@ $^
-LIBS := $(BUILD)/librig.a $(BUILD)/libhdt.a
-$(BUILD)/hdt: $(TOOLS) $(LIBS)
-	$(CXX) $(OPT) -o $@ $(TOOLS) $(LIBS) -llcm -lpthread -lm
-$(BUILD)/tests/%: $(BUILD)/obj/tests/%.c.o $(LIBS)
-	@mkdir -p $(@D)
-	$(CXX) $(OPT) -o $@ $< $(LIBS) -lcheck_pic -lsubunit -lrt -llcm -lpthread -lm
-$(BUILD)/tests/%: $(BUILD)/obj/tests/%.cpp.o $(LIBS)
-	@mkdir -p $(@D)
-	$(CXX) $(OPT) -o $@ $< $(LIBS) -lcheck_pic -lsubunit -lrt -llcm -lpthread -lm
+guards: $(CTRL)
+	@tools/check-layers
+	@tools/check-core-symbols $(CTRL)
+
+## bench: time and instructions of the core, steps a second of the plant
+bench: $(BENCH)
+	@for b in $(BENCH); do echo "== $$(basename $$b)"; $$b || exit 1; done
+
+## install: library, headers, pkg-config file and hdt under DESTDIR/PREFIX
+install: all
+	install -d $(DESTDIR)$(PREFIX)/bin $(DESTDIR)$(PREFIX)/lib/pkgconfig \
+	  $(DESTDIR)$(PREFIX)/include/hdt/ctrl $(DESTDIR)$(PREFIX)/include/hdt/driver \
+	  $(DESTDIR)$(PREFIX)/share/hdt/arms
+	install -m 755 $(BUILD)/hdt $(DESTDIR)$(PREFIX)/bin/
+	install -m 644 $(BUILD)/libhdt.a $(DESTDIR)$(PREFIX)/lib/
+	install -m 755 $(BUILD)/libhdt.so.$(VERSION) $(DESTDIR)$(PREFIX)/lib/
+	ln -sf libhdt.so.$(VERSION) $(DESTDIR)$(PREFIX)/lib/libhdt.so.$(SOMAJOR)
+	ln -sf libhdt.so.$(SOMAJOR) $(DESTDIR)$(PREFIX)/lib/libhdt.so
+	install -m 644 ctrl/hdt.h ctrl/hdt_q.h ctrl/hdt_tables.h $(DESTDIR)$(PREFIX)/include/hdt/ctrl/
+	install -m 644 driver/hdt_bus.h driver/drv_*.h $(DESTDIR)$(PREFIX)/include/hdt/driver/
+	install -m 644 model/arms/*.toml $(DESTDIR)$(PREFIX)/share/hdt/arms/
+	printf '%s\n' 'prefix=$(PREFIX)' 'Name: hdt' 'Description: control core and driver for harmonic-drive arms' \
+	  'Version: $(VERSION)' 'Cflags: -I$${prefix}/include/hdt' 'Libs: -L$${prefix}/lib -lhdt' \
+	  'Libs.private: -llcm' >$(DESTDIR)$(PREFIX)/lib/pkgconfig/hdt.pc
 
 ## clean: remove build/
 clean:
 	rm -rf $(BUILD)
+
+## help: this list; also BUILD=, CC=, CXX=, OPT=, HDT_DATA=
+help:
+	@sed -n 's/^## /  /p' $(firstword $(MAKEFILE_LIST))
+
+# what the build needs is there
+$(READY): tools/deps
+	@mkdir -p $(@D)
+	@tools/deps
+	@touch $@
+
+compile = @mkdir -p $(@D) && echo "  $(1) $<" && $(2) $(OPT) $(3) $(INC) $(DEP) -c $< -o $@
+$(BUILD)/obj/ctrl/%.c.o: ctrl/%.c | $(READY)
+	$(call compile,CC ,$(CC),-std=c99 -ffreestanding -fPIC $(CWARN))
+$(BUILD)/obj/driver/%.c.o: driver/%.c $(BUILD)/gen/hdt_cycle_t.h | $(READY)
+	$(call compile,CC ,$(CC),-std=c99 -D_POSIX_C_SOURCE=200809L -fPIC $(CWARN))
+$(BUILD)/obj/sim/%.c.o: sim/%.c | $(READY)
+	$(call compile,CC ,$(CC),-std=c99 $(CWARN))
+$(BUILD)/obj/%.cpp.o: %.cpp | $(READY)
+	$(call compile,CXX,$(CXX),-std=c++17 $(WARN) -isystem /usr/include/eigen3 -DEIGEN_MPL2_ONLY)
+$(BUILD)/obj/tests/%.c.o: tests/%.c | $(READY)
+	$(call compile,CC ,$(CC),-std=gnu99 -Wall -Wextra -Werror -Wno-sign-compare)
+$(BUILD)/obj/tests/%.cpp.o: tests/%.cpp | $(READY)
+	$(call compile,CXX,$(CXX),-std=c++17 -Wall -Wextra -Werror -isystem /usr/include/eigen3 -DEIGEN_MPL2_ONLY)
+$(BUILD)/obj/tools/%.c.o: tools/%.c | $(READY)
+	$(call compile,CC ,$(CC),-std=gnu99 $(WARN))
+
+# LCM's own generator writes code that does not know our warnings
+$(BUILD)/gen/hdt_cycle_t.h $(BUILD)/gen/hdt_cycle_t.c &: driver/hdt_cycle.lcm | $(READY)
+	@mkdir -p $(BUILD)/gen
+	lcm-gen -c --c-cpath $(BUILD)/gen --c-hpath $(BUILD)/gen $<
+$(LCMGEN): $(BUILD)/gen/hdt_cycle_t.c
+	@mkdir -p $(@D)
+	$(CC) $(OPT) -std=gnu99 -fPIC -w $(INC) -c $< -o $@
+
+$(BUILD)/libhdt.a: $(CTRL) $(DRIVER) $(LCMGEN)
+	@rm -f $@
+	ar rcs $@ $^
+$(BUILD)/libhdt.so.$(VERSION): $(CTRL) $(DRIVER) $(LCMGEN)
+	$(CC) -shared -Wl,-soname,libhdt.so.$(SOMAJOR) -o $@ $^ -llcm
+$(BUILD)/librig.a: $(SIM) $(MODEL)
+	@rm -f $@
+	ar rcs $@ $^
+$(BUILD)/hdt: $(TOOLS) $(LIBS)
+	$(CXX) $(OPT) -o $@ $(TOOLS) $(LIBS) $(LINK)
+$(BUILD)/tests/%: $(BUILD)/obj/tests/%.c.o $(LIBS)
+	@mkdir -p $(@D)
+	$(CXX) $(OPT) -o $@ $< $(LIBS) $(CHECK) $(LINK)
+$(BUILD)/tests/%: $(BUILD)/obj/tests/%.cpp.o $(LIBS)
+	@mkdir -p $(@D)
+	$(CXX) $(OPT) -o $@ $< $(LIBS) $(CHECK) $(LINK)
+$(BUILD)/bench_%: $(BUILD)/obj/tools/bench_%.c.o $(LIBS)
+	$(CXX) $(OPT) -o $@ $< $(LIBS) $(LINK)
 
 -include $(shell find $(BUILD)/obj -name '*.d' 2>/dev/null)
