@@ -23,8 +23,11 @@ namespace hdt {
 struct ConditionOptions {
     double block_s = 0.01;
     double v_min_radps = 0;         // slower rows are masked for friction's sake; 0: chosen from the resolver step
+    double reversal_guard_s = 0;    // rows this close to a change of direction are masked too
 };
 
+// Why rows were masked; a row is counted once, under the first reason that holds in the order
+// gap, spike, saturated, standstill.
 struct MaskCount { std::size_t standstill = 0, spike = 0, saturated = 0, gap = 0; };
 
 // Full-rate signals of one run, columns are joints (absent joints are zero and wholly masked).
@@ -32,12 +35,15 @@ struct Conditioned {
     std::string name;
     double rate_hz = 0;
     Eigen::VectorXd t_s;            // since the start of the run
-    Eigen::MatrixXd q, v, a, dir, travel, tau;
+    Eigen::MatrixXd q, v, a, dir, travel, tau; // q and tau as logged; dir is 0 at standstill
     Eigen::MatrixXd temp;           // rows x joints, or empty
     double payload_kg = 0;          // declared for this run (run constant, else the arm's)
     Eigen::Vector3d payload_com_m = Eigen::Vector3d::Zero();
     Eigen::Array<bool, Eigen::Dynamic, Eigen::Dynamic> valid;
     std::vector<MaskCount> masked;  // per joint
+    std::vector<char> present;      // per joint
+    Eigen::VectorXd smooth_s;       // per joint: half width of the smoother that gave v and a
+    Eigen::VectorXd v_noise, a_noise, v_min; // per joint: standard deviations, standstill threshold
     std::vector<Eigen::Index> block_begin; // block b is rows [block_begin[b], block_begin[b+1])
 
     Sample sample(Eigen::Index row) const;
@@ -45,12 +51,14 @@ struct Conditioned {
     std::vector<Eigen::Index> blocks(int j) const;
     // Mean over the valid rows of each such block.
     Eigen::VectorXd block_mean(int j, const Eigen::Ref<const Eigen::VectorXd> &full) const;
+    // The same for every column at once.
+    Eigen::MatrixXd block_means(int j, const Eigen::Ref<const Eigen::MatrixXd> &full) const;
 };
 
 // The arm with this run's declared payload in place.
 hdt_arm arm_for_run(const hdt_arm &arm, const Conditioned &c);
 
-// Throws InputError when the run does not fit the arm (joint count, ratio, sampling).
+// Throws InputError when the run does not fit the arm (joint count, unit of q, sampling).
 Conditioned condition(const Run &run, const hdt_arm &arm, const ConditionOptions &options);
 
 // Torque of every term of the declared model, full rate: [joint] -> rows x HDT_TERMS.
