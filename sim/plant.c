@@ -151,11 +151,12 @@ static double fastest_square(const struct plant_model *m, const plant_matrix min
     return size;
 }
 
-/* Fastest frequency and least link inertia of every joint over the pose space. */
-static int check_modes(const struct plant_model *m, double *omega_radps, double *inertia_kgm2)
+/* Fastest rate (frequency of the stiffest mode, or decay by gear damping) and least link inertia of
+ * every joint over the pose space. */
+static int check_modes(const struct plant_model *m, double *rate_radps, double *inertia_kgm2)
 {
     uint64_t rng = 1;
-    double square = 0;
+    double square = 0, decay = 0;
     for (int i = 0; i < m->joints; i++)
         inertia_kgm2[i] = HUGE_VAL;
     for (int p = 0; p < POSES; p++) {
@@ -172,7 +173,9 @@ static int check_modes(const struct plant_model *m, double *omega_radps, double 
         for (int i = 0; i < m->joints; i++)
             inertia_kgm2[i] = fmin(inertia_kgm2[i], 1 / minv[i * PLANT_JOINTS_MAX + i]);
     }
-    *omega_radps = sqrt(square);
+    for (int i = 0; i < m->joints; i++)
+        decay = fmax(decay, m->joint[i].damping_nmspr * (1 / inertia_kgm2[i] + 1 / rotor_inertia(&m->joint[i])));
+    *rate_radps = fmax(sqrt(square), decay);
     return 0;
 }
 
@@ -193,7 +196,7 @@ static const char *check_joints(struct plant_model *m)
 
 static const char *check_all(struct plant_model *m)
 {
-    double omega_radps, inertia_kgm2[PLANT_JOINTS_MAX];
+    double rate_radps, inertia_kgm2[PLANT_JOINTS_MAX];
     m->check_joint = 0;
     if (m->joints < 1 || m->joints > PLANT_JOINTS_MAX)
         return "joints: out of 1..PLANT_JOINTS_MAX";
@@ -204,11 +207,11 @@ static const char *check_all(struct plant_model *m)
     const char *wrong = check_joints(m);
     if (wrong != NULL)
         return wrong;
-    if (check_modes(m, &omega_radps, inertia_kgm2) < 0)
+    if (check_modes(m, &rate_radps, inertia_kgm2) < 0)
         return "links: the mass matrix is not positive definite; the last links need mass and inertia";
     if (m->step_s == 0)
-        m->step_s = STEP_RAD / omega_radps;
-    if (!(m->step_s * omega_radps <= STEP_RAD_MAX && m->step_s >= STEP_S_MIN))
+        m->step_s = STEP_RAD / rate_radps;
+    if (!(m->step_s * rate_radps <= STEP_RAD_MAX && m->step_s >= STEP_S_MIN))
         return "step_s: too long for the stiffest mode, or below 0.1 us; 0 lets the check choose";
     for (int i = 0; i < m->joints; i++) {
         struct plant_joint *j = &m->joint[i];

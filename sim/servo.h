@@ -3,6 +3,15 @@
  * The servo driver as the host sees it over the bus: Format A telegrams in and out, modes, brakes,
  * watchdog, velocity loop (PI at 1504 Hz), torque mode, resolver and torque quantisation.
  *
+ *   mode           S         E      T               C             watchdog
+ *   STOP           CONTROL   STOP   BRAKE_RELEASE   state only    -
+ *   CONTROL        -         STOP   -               obeyed        STOP + alarm
+ *   BRAKE_RELEASE  -         STOP   -               brake bits    STOP + alarm
+ *
+ * Every well-formed telegram is answered by one of its own type and sequence number, also where it
+ * changes nothing ("-").  'S' and 'T' in STOP and 'E' anywhere clear latched alarms; what is still
+ * wrong comes back.  In STOP all brakes are on and all currents zero.
+ *
  * Owns: the state machine and loops of the driver; it drives a plant.
  * Never: reads a clock; time is advanced by the caller.
  */
@@ -21,36 +30,45 @@ extern "C" {
 
 #define SERVO_RATE_HZ 1504
 #define SERVO_COUNTS_PER_REV 16384
+#define SERVO_TORQUE_NM_PER_DIG 0.001    /* motor side  */
+#define SERVO_SPEED_RADPS_PER_DIG 0.0002 /* output side */
 
 enum servo_mode { SERVO_STOP, SERVO_CONTROL, SERVO_BRAKE_RELEASE };
 
 struct servo_cfg {
-    double watchdog_s;                     /* 0: 0.4 [pa10-facts A.1, old driver] */
+    double watchdog_s;                     /* 0: 0.4, as the first-generation driver has it (RobWork PA10Driver) */
     double kp_m_nmspr[PLANT_JOINTS_MAX];   /* velocity loop, motor torque per output rad/s; 0: tuned from the model */
-    double ki_m_nmprad[PLANT_JOINTS_MAX];
+    double ki_m_nmprad[PLANT_JOINTS_MAX];  /* the same per output rad; 0: tuned from the model */
     double v_trip_radps;                   /* over-velocity alarm, output side; 0: off */
 };
 
 struct servo_state {
     enum servo_mode mode;
     double t_s, last_command_s;
+    uint64_t ticks;
     struct drv_command command;            /* last cyclic command */
-    uint8_t alarm[PLANT_JOINTS_MAX];
-    uint8_t driver_alarm;
+    uint8_t alarm[PLANT_JOINTS_MAX];       /* enum drv_alarm, latched */
+    uint8_t driver_alarm;                  /* enum drv_driver_alarm, latched */
     double integral_m_nm[PLANT_JOINTS_MAX];
     double tau_m_nm[PLANT_JOINTS_MAX];     /* what the current loops make now */
-    int32_t last_count[PLANT_JOINTS_MAX];
+    int16_t torque_dig[PLANT_JOINTS_MAX];  /* what they report, noise included */
+    int32_t last_count[PLANT_JOINTS_MAX];  /* resolver at the last tick, zero not added */
+    double track_cnt[PLANT_JOINTS_MAX];    /* tracking filter: count ahead of last_count, */
+    double speed_radps[PLANT_JOINTS_MAX];  /* and speed, output side                      */
+    uint64_t rng;
     uint64_t answered, refused;            /* telegrams */
 };
 
 struct servo {
     const struct plant_model *model;
-    struct servo_cfg cfg;
+    struct servo_cfg cfg;                  /* as given, gains filled in */
     struct servo_state s;
     struct plant_state plant;
-    int32_t zero_cnt[PLANT_JOINTS_MAX];    /* resolver count at q = 0 */
+    int32_t zero_cnt[PLANT_JOINTS_MAX];    /* resolver count at q = 0; 0 after servo_init, set at will */
 };
 
+/* In STOP with brakes on, the arm at rest at q_rad.  The model must have passed plant_model_check,
+ * outlive v and not change.  cfg may be NULL: all defaults.  Joints past DRV_AXES stay braked. */
 void servo_init(struct servo *v, const struct plant_model *model, const struct servo_cfg *cfg,
                 const double *q_rad, uint64_t seed);
 /* Advance servo and plant by one 1504 Hz tick. */
