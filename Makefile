@@ -56,6 +56,8 @@ check: guards $(TESTS) $(BUILD)/hdt
 guards: $(CTRL)
 	@tools/check-layers
 	@tools/check-core-symbols $(CTRL)
+	@sed -n '/^```c$$/,/^```$$/{/^```/d;p}' README.md | $(CC) -std=c99 $(CWARN) -I. -fsyntax-only -x c -include ctrl/hdt.h \
+	  -Wno-missing-prototypes - || { echo "README.md: the C example does not compile" >&2; exit 1; }
 
 ## bench: time and instructions of the core, steps a second of the plant
 bench: $(BENCH)
