@@ -6,7 +6,7 @@
  *
  * The state used at tick k is therefore at most one period old and nothing in the period waits.
  *
- * Owns: the order of a period, the sequence number, the counters.
+ * Owns: the order of a period, the sequence number, the counters, the state of the link.
  * Never: sleeps, allocates, blocks, writes files.  Time is an argument; the caller owns the clock.
  */
 #ifndef DRV_CYCLE_H
@@ -28,29 +28,81 @@ enum drv_link {
     DRV_LINK_ENDED     /* 'E' sent                   */
 };
 
-/* Counters are ordinary output: copy them out whenever. */
+/* While starting or ending, ask again after this many periods without an answer. */
+#define DRV_CYCLE_RETRY 10
+/* Frames looked at in one period; more than a peer can have answered, so that a flood cannot hold
+ * the period up. */
+#define DRV_CYCLE_DRAIN 32
+
+/* Counters are ordinary output: copy them out whenever.
+ * Every reply awaited is in the end one of received or lost. */
 struct drv_counters {
-    uint64_t periods, received, lost, bad_frames, wrong_seq, send_dropped, bus_down, log_dropped;
+    uint64_t periods;      /* calls of drv_cycle_period that did their work                   */
+    uint64_t received;     /* replies of the awaited sequence and type                        */
+    uint64_t lost;         /* replies that had not come one period later                      */
+    uint64_t bad_frames;   /* no telegram of this format                                      */
+    uint64_t wrong_seq;    /* good telegrams nobody awaited: late, doubled, foreign           */
+    uint64_t send_dropped; /* commands the bus did not take                                   */
+    uint64_t bus_down;     /* periods in which the bus reported its peer gone                 */
+    uint64_t log_dropped;  /* records the ring had no room for                                */
 };
 
 struct drv_cycle {
     hdt_t core;
     struct hdt_bus bus;
-    struct drv_ring *ring;          /* may be NULL: no log */
+    struct drv_ring *ring;          /* may be NULL: no log; may be set between periods */
     enum drv_link link;
-    uint8_t seq;
+    uint8_t seq;                    /* of the last command sent, 0..127 */
     uint8_t want_seq;               /* of the reply awaited */
+    uint8_t want_type;              /* enum drv_type of the reply awaited; 0: none */
+    unsigned wait;                  /* periods until 'S' or 'E' is sent again */
+    int started;                    /* a state has arrived since drv_cycle_init          */
+    int in_step;                    /* a state has arrived since the link was last up    */
+    int end_answered;
     struct drv_state last;          /* last good state telegram */
     struct drv_counters count;
+    struct drv_record rec;          /* of this period; too large for a real-time stack */
 };
 
-/* What the caller wants this period, in the core's words; counts, fresh and servo_alarm are filled
- * in by the cycle. */
+/* Start with these tables on this bus; the first period asks the servo for control mode ('S').
+ * Errors: HDT_ERR_ARG (also: more joints than the telegram has axes), HDT_ERR_TABLES.
+ * Context: start-up. */
 int drv_cycle_init(struct drv_cycle *c, const struct hdt_tables *t, const struct hdt_bus *bus,
                    struct drv_ring *ring);
+
+/* One period.  `in` says what the caller wants, in the core's words; its count, fresh and
+ * servo_alarm are filled in here, the rest is left as it is.
+ *
+ * What an axis is told:
+ *   driven (in.active), torque mode     servo on, torque mode, digits
+ *   driven, velocity mode               servo on, speed mode, speed words
+ *   not driven, or idle mode            brake on, zero
+ *   any core fault                      brake on, zero, every axis: brakes hold an arm against
+ *                                       gravity better than a controller just declared wrong
+ *
+ * What the core is told differs from what the caller says in two cases, both in the record:
+ * - until the servo's first state no joint is active, so a servo slow to start is not a stale one;
+ * - from a broken link until the first state after it the mode is idle.  Joints stay active, so the
+ *   core's stale fault latches when that takes too long.
+ * servo_alarm comes with fresh states only: an alarm seen once is latched by the core, and an old
+ * one does not outlive drv_cycle_restart.
+ *
+ * Errors: of hdt_step; then every axis is told brake on, zero, and no record is made.  What the bus
+ * does is no error but a counter, since the period has to go on.
+ * Context: control thread; no allocation, no lock, non-blocking. */
 int drv_cycle_period(struct drv_cycle *c, struct hdt_in *in, struct hdt_out *out);
-/* Send 'E': brakes on.  May be called at any time, more than once. */
+
+/* Send 'E': brakes on.  May be called at any time, more than once.  Further periods send nothing
+ * but 'E', until it is answered; the core then drives no joint.
+ * Errors: of the bus. */
 int drv_cycle_end(struct drv_cycle *c);
+
+/* Ask for control mode again, after drv_cycle_end or after the servo left it (its watchdog or an
+ * alarm).  Latched core faults stay; hdt_clear(&c->core) is the caller's decision.
+ * Context: between periods. */
+void drv_cycle_restart(struct drv_cycle *c);
+
+const char *drv_link_str(enum drv_link link);
 
 #ifdef __cplusplus
 }

@@ -30,7 +30,8 @@ struct drv_record {
     uint16_t link;                      /* enum drv_link */
 };
 
-/* Capacity is a power of two; memory is the caller's. */
+/* Capacity is a power of two, at most 2^24; memory is the caller's.  A record is some 2 KB: a second
+ * at 700 Hz takes 1024 of them. */
 struct drv_ring {
     struct drv_record *slot;
     unsigned mask;

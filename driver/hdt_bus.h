@@ -27,7 +27,8 @@ enum hdt_bus_err {
     HDT_BUS_OK = 0,
     HDT_BUS_ERR_AGAIN = -100, /* nothing to receive; or the send queue is full: frame dropped */
     HDT_BUS_ERR_DOWN = -101,  /* line or peer gone; may come back                             */
-    HDT_BUS_ERR_FRAME = -102  /* bytes arrived that are no frame; they are gone               */
+    HDT_BUS_ERR_FRAME = -102, /* bytes arrived that are no frame; they are gone               */
+    HDT_BUS_ERR_NAME = -103   /* not the name of a bus; from hdt_bus_open only                */
 };
 
 /* Both calls never block.  One thread a bus.  close may be NULL. */
@@ -41,12 +42,14 @@ struct hdt_bus {
 
 enum hdt_bus_side { HDT_BUS_HOST, HDT_BUS_SERVO };
 
-/* Open `loop:`, `unix:PATH` or `can:IFACE`.  The servo side of unix: creates the socket, the host
- * side connects.  loop: has both ends in one process; use drv_loop_pair instead.
+/* Open `unix:PATH` or `can:IFACE`.  The servo side of unix: creates the socket and must be there
+ * first, the host side connects; after that either side may restart, the other then reports
+ * HDT_BUS_ERR_DOWN until the peer is back.  loop: has both ends in one process, so it cannot be
+ * opened by name: drv_loop_pair makes both.
  * Errors: negative, *bus zeroed, one line in err saying what, where and the remedy.
  * Context: start-up; allocates. */
 int hdt_bus_open(struct hdt_bus *bus, const char *name, enum hdt_bus_side side, char *err, size_t errlen);
-void hdt_bus_close(struct hdt_bus *bus);
+void hdt_bus_close(struct hdt_bus *bus); /* zeroes *bus; a zeroed bus is left alone */
 const char *hdt_bus_strerror(int err);
 
 /* Monotonic time; never the wall clock. */

@@ -1,0 +1,237 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * One control period.  See drv_cycle.h for its order and its rules.
+ *
+ * Owns: sequence, link state, what each axis is told.
+ * Never: waits; everything that can fail outside becomes a counter.
+ */
+#include "driver/drv_cycle.h"
+
+#include <string.h>
+
+/* Sequence numbers stay below 128: Linux's ARCNET stack takes the first byte of a packet for a
+ * protocol number, and the ones it knows are all above. */
+#define SEQ_MASK 0x7fu
+
+int drv_cycle_init(struct drv_cycle *c, const struct hdt_tables *t, const struct hdt_bus *bus,
+                   struct drv_ring *ring)
+{
+    if (c == NULL)
+        return HDT_ERR_ARG;
+    memset(c, 0, sizeof *c);
+    if (t == NULL || bus == NULL || bus->send == NULL || bus->recv == NULL || t->joints > DRV_AXES)
+        return HDT_ERR_ARG;
+    c->bus = *bus;
+    c->ring = ring;
+    return hdt_init(&c->core, t);
+}
+
+static void lose_link(struct drv_cycle *c)
+{
+    c->want_type = 0;
+    c->wait = 0;
+    c->in_step = 0;
+    if (c->link == DRV_LINK_RUNNING)
+        c->link = DRV_LINK_STARTING;
+}
+
+/* One telegram that decoded.  Returns 1 when it is a state telegram the core should see. */
+static int take(struct drv_cycle *c, const struct drv_state *s)
+{
+    if (c->want_type == 0 || s->type != c->want_type || s->seq != c->want_seq) {
+        c->count.wrong_seq++;
+        return 0;
+    }
+    c->want_type = 0;
+    c->count.received++;
+    if (s->type == DRV_START)
+        c->link = DRV_LINK_RUNNING;
+    if (s->type == DRV_END)
+        c->end_answered = 1;
+    if (s->type != DRV_CYCLIC)
+        return 0;
+    c->last = *s;
+    c->started = c->in_step = 1;
+    return 1;
+}
+
+/* Everything that has arrived.  Returns 1 when the awaited state is among it. */
+static int drain(struct drv_cycle *c)
+{
+    struct hdt_frame f;
+    struct drv_state s;
+    int fresh = 0;
+    for (int n = 0; n < DRV_CYCLE_DRAIN; n++) {
+        int e = c->bus.recv(c->bus.ctx, &f);
+        if (e == HDT_BUS_ERR_AGAIN)
+            break;
+        if (e == HDT_BUS_ERR_FRAME || (e == HDT_BUS_OK && drv_state_decode(&f, &s) != DRV_TELEGRAM_OK)) {
+            c->count.bad_frames++;
+        } else if (e == HDT_BUS_OK) {
+            fresh |= take(c, &s);
+        } else {
+            c->count.bus_down++;
+            if (c->want_type != 0)
+                c->count.lost++;
+            lose_link(c);
+            break;
+        }
+    }
+    return fresh;
+}
+
+/* Receive, and fill in what the core gets from the servo. */
+static void receive(struct drv_cycle *c, struct hdt_in *in)
+{
+    unsigned joints = c->core.tables->joints;
+    uint32_t all = (1u << joints) - 1u;
+    int fresh = drain(c);
+    /* an 'S' or 'E' may take as long as the retry; a cyclic command is answered at once or lost */
+    if (c->want_type == DRV_CYCLIC || (c->want_type != 0 && c->wait == 0)) {
+        c->count.lost++;
+        c->want_type = 0;
+    }
+    in->fresh = fresh ? all : 0u;
+    in->servo_alarm = 0;
+    for (unsigned j = 0; j < joints; j++) {
+        in->count[j].raw = c->last.axis[j].count;
+        if (fresh && (c->last.axis[j].status & DRV_AXIS_ALARM_MASK) != 0)
+            in->servo_alarm |= 1u << j;
+    }
+    if (fresh && (c->last.driver_status & DRV_AXIS_ALARM_MASK) != 0)
+        in->servo_alarm |= all;
+}
+
+static int send_telegram(struct drv_cycle *c, struct drv_command *cmd)
+{
+    struct hdt_frame f;
+    c->seq = (uint8_t)((c->seq + 1u) & SEQ_MASK);
+    cmd->seq = c->seq;
+    (void)drv_command_encode(cmd, &f); /* the types sent here all exist */
+    int e = c->bus.send(c->bus.ctx, &f);
+    if (e == HDT_BUS_OK) {
+        c->want_seq = cmd->seq;
+        c->want_type = cmd->type;
+        return e;
+    }
+    c->count.send_dropped++;
+    if (e == HDT_BUS_ERR_DOWN)
+        lose_link(c);
+    return e;
+}
+
+/* 'S' or 'E', at once and then every DRV_CYCLE_RETRY periods until answered. */
+static void send_mode(struct drv_cycle *c, uint8_t type)
+{
+    struct drv_command cmd;
+    if (c->wait > 0) {
+        c->wait--;
+        return;
+    }
+    memset(&cmd, 0, sizeof cmd);
+    cmd.type = type;
+    (void)send_telegram(c, &cmd);
+    c->wait = DRV_CYCLE_RETRY - 1;
+}
+
+static void send_cyclic(struct drv_cycle *c, const struct hdt_in *in, const struct hdt_out *out, int safe)
+{
+    struct drv_command cmd;
+    unsigned joints = c->core.tables->joints;
+    memset(&cmd, 0, sizeof cmd);
+    cmd.type = DRV_CYCLIC;
+    for (unsigned j = 0; j < DRV_AXES; j++) {
+        cmd.axis[j].mode = DRV_AXIS_BRAKE;
+        if (safe || j >= joints || (in->active >> j & 1u) == 0)
+            continue;
+        if (in->mode == HDT_MODE_TORQUE) {
+            cmd.axis[j].mode = DRV_AXIS_SERVO | DRV_AXIS_TORQUE;
+            cmd.axis[j].torque_dig = out->digit[j].raw;
+        } else if (in->mode == HDT_MODE_VELOCITY) {
+            cmd.axis[j].mode = DRV_AXIS_SERVO;
+            cmd.axis[j].speed_dig = out->speed[j].raw;
+        }
+    }
+    (void)send_telegram(c, &cmd);
+}
+
+static void record(struct drv_cycle *c)
+{
+    if (c->ring == NULL)
+        return;
+    for (unsigned j = 0; j < DRV_AXES; j++) {
+        c->rec.torque_dig[j] = c->last.axis[j].torque_dig;
+        c->rec.status[j] = c->last.axis[j].status;
+    }
+    c->rec.driver_status = c->last.driver_status;
+    c->rec.link = (uint16_t)c->link;
+    if (drv_ring_push(c->ring, &c->rec) != 0)
+        c->count.log_dropped++;
+}
+
+int drv_cycle_period(struct drv_cycle *c, struct hdt_in *in, struct hdt_out *out)
+{
+    if (c == NULL || in == NULL || out == NULL || c->core.tables == NULL)
+        return HDT_ERR_ARG;
+    receive(c, in);
+    c->rec.in = *in;
+    if (!c->started || c->link == DRV_LINK_ENDED)
+        c->rec.in.active = 0;
+    if (!c->in_step)
+        c->rec.in.mode = HDT_MODE_IDLE;
+    int e = hdt_step(&c->core, &c->rec.in, &c->rec.out);
+    int safe = e != HDT_OK || c->rec.out.fault != 0;
+    switch (c->link) {
+    case DRV_LINK_STARTING:
+        send_mode(c, DRV_START);
+        break;
+    case DRV_LINK_RUNNING:
+        send_cyclic(c, &c->rec.in, &c->rec.out, safe);
+        break;
+    case DRV_LINK_ENDED:
+        if (!c->end_answered)
+            send_mode(c, DRV_END);
+        break;
+    }
+    *out = c->rec.out;
+    if (e != HDT_OK)
+        return e;
+    c->count.periods++;
+    record(c);
+    return HDT_OK;
+}
+
+int drv_cycle_end(struct drv_cycle *c)
+{
+    struct drv_command cmd;
+    /* the reply to the last command is usually there: it is not lost */
+    (void)drain(c);
+    if (c->want_type != 0)
+        c->count.lost++;
+    c->link = DRV_LINK_ENDED;
+    c->end_answered = 0;
+    c->want_type = 0;
+    memset(&cmd, 0, sizeof cmd);
+    cmd.type = DRV_END;
+    int e = send_telegram(c, &cmd);
+    c->wait = e == HDT_BUS_OK ? DRV_CYCLE_RETRY - 1 : 0;
+    return e;
+}
+
+void drv_cycle_restart(struct drv_cycle *c)
+{
+    if (c->want_type != 0)
+        c->count.lost++;
+    lose_link(c);
+    c->link = DRV_LINK_STARTING;
+}
+
+const char *drv_link_str(enum drv_link link)
+{
+    switch (link) {
+    case DRV_LINK_STARTING: return "starting";
+    case DRV_LINK_RUNNING: return "running";
+    case DRV_LINK_ENDED: return "ended";
+    }
+    return "unknown";
+}

@@ -1,0 +1,86 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Opening a bus by name, and what all backends share.
+ *
+ * Owns: the names, the error lines' form, the CAN FD padding rule.
+ * Never: touches a socket.
+ */
+#include "driver/hdt_bus.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "driver/drv_backend.h"
+#include "driver/drv_telegram.h"
+
+int drv_bus_fail(int code, char *err, size_t errlen, const char *fmt, ...)
+{
+    if (err != NULL && errlen > 0) {
+        va_list ap;
+        va_start(ap, fmt);
+        (void)vsnprintf(err, errlen, fmt, ap);
+        va_end(ap);
+    }
+    return code;
+}
+
+int hdt_bus_open(struct hdt_bus *bus, const char *name, enum hdt_bus_side side, char *err, size_t errlen)
+{
+    memset(bus, 0, sizeof *bus);
+    if (name == NULL)
+        return drv_bus_fail(HDT_BUS_ERR_NAME, err, errlen, "no bus given: expected unix:PATH or can:IFACE");
+    const char *rest = strchr(name, ':');
+    if (rest != NULL && strncmp(name, "unix:", 5) == 0)
+        return drv_unix_open(bus, rest + 1, side, err, errlen);
+    if (rest != NULL && strncmp(name, "can:", 4) == 0)
+        return drv_can_open(bus, rest + 1, side, err, errlen);
+    if (rest != NULL && strncmp(name, "loop:", 5) == 0)
+        return drv_bus_fail(HDT_BUS_ERR_NAME, err, errlen,
+                            "%s: has both ends in one process and cannot be opened by name: "
+                            "use unix:PATH between two processes", name);
+    return drv_bus_fail(HDT_BUS_ERR_NAME, err, errlen,
+                        "%.200s: not a bus: expected unix:PATH or can:IFACE", name);
+}
+
+void hdt_bus_close(struct hdt_bus *bus)
+{
+    if (bus->close != NULL)
+        bus->close(bus->ctx);
+    memset(bus, 0, sizeof *bus);
+}
+
+const char *hdt_bus_strerror(int err)
+{
+    switch (err) {
+    case HDT_BUS_OK: return "ok";
+    case HDT_BUS_ERR_AGAIN: return "nothing to receive, or the send queue is full";
+    case HDT_BUS_ERR_DOWN: return "line or peer is gone";
+    case HDT_BUS_ERR_FRAME: return "bytes that are no frame";
+    case HDT_BUS_ERR_NAME: return "not the name of a bus";
+    default: return "unknown bus error";
+    }
+}
+
+unsigned drv_can_padded(unsigned len)
+{
+    static const uint8_t above_8[] = {12, 16, 20, 24, 32, 48, 64};
+    if (len <= 8)
+        return len;
+    for (unsigned i = 0; i < sizeof above_8; i++)
+        if (len <= above_8[i])
+            return above_8[i];
+    return 0;
+}
+
+int drv_can_trim(const uint8_t *data, unsigned len, int up, struct hdt_frame *f)
+{
+    if (len > DRV_CAN_DATA_MAX)
+        return HDT_BUS_ERR_FRAME;
+    int need = drv_telegram_len(data, len, up);
+    if (need < 0 || drv_can_padded((unsigned)need) != len)
+        return HDT_BUS_ERR_FRAME;
+    memcpy(f->data, data, (size_t)need);
+    f->len = (uint16_t)need;
+    return HDT_BUS_OK;
+}
