@@ -20,10 +20,10 @@ enum { SERVE_MAX = 64 }; /* frames a call: a flooding host must not stop time */
 static const double TICK_S = 1.0 / SERVO_RATE_HZ;
 static const double TURN_RAD = 6.283185307179586;
 static const double WATCHDOG_S = 0.4;
-static const double TRACK_RADPS = 1000;   /* tracking filter, natural frequency */
+static const double TRACK_RADPS = 1200;   /* tracking filter, natural frequency */
 static const double TRACK_DAMPING = 0.8;
-static const double LOOP_RADPS = 250;     /* velocity loop crossover against the rotor alone */
-static const double LOOP_INTEGRAL_RADPS = 60;
+static const double LOOP_RADPS = 400;     /* velocity loop crossover against the rotor alone */
+static const double LOOP_INTEGRAL_RADPS = 120;
 static const double LIMIT_MARGIN_RAD = 0.005; /* past a position limit, until the alarm */
 
 static double rad_per_count(const struct plant_joint *j)
