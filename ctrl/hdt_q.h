@@ -4,7 +4,8 @@
  * struct, so mixing two of them does not compile.  "q16" means 16 fraction bits.
  *
  * Owns: the types and the few arithmetic helpers everything else in ctrl/ is built from.
- * Never: touches memory other than its arguments, uses floating point, shifts a negative value.
+ * Never: touches memory other than its arguments, uses floating point, shifts a negative value,
+ * divides (a 32-bit machine would need a library for it).
  *
  * Every helper is pure; any thread.
  */
@@ -12,6 +13,10 @@
 #define HDT_Q_H
 
 #include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 typedef struct { int32_t raw; } hdt_rad_t;    /* rad       output side  q24  +-128      lsb 6.0e-8 */
 typedef struct { int32_t raw; } hdt_radps_t;  /* rad/s     output side  q24  +-128      lsb 6.0e-8 */
@@ -25,4 +30,46 @@ typedef struct { int16_t raw; } hdt_spd_t;    /* speed word: 0.0002 rad/s output
 /* Resolver counts in one motor (= wave generator) revolution [pa10: 360/(50*16384) deg a digit]. */
 #define HDT_COUNTS_PER_REV 16384
 
+/* x / 2^n, to the nearest, halves up.  Any x but the last half LSB below 2^63; 1 <= n <= 62.
+ * Overflow: none; the negative half is moved up by 2^63 and back, so only unsigned values are
+ * shifted. */
+static inline int64_t hdt_shr(int64_t x, unsigned n)
+{
+    const uint64_t lift = (uint64_t)1 << 63, half = (uint64_t)1 << (n - 1u);
+    return (int64_t)(((uint64_t)x + lift + half) >> n) - (int64_t)(lift >> n);
+}
+
+/* Overflow: clamped to +-(2^31 - 1), symmetric so that negation never overflows. */
+static inline int32_t hdt_sat(int64_t x)
+{
+    return x > INT32_MAX ? INT32_MAX : x < -INT32_MAX ? -INT32_MAX : (int32_t)x;
+}
+
+/* a * b / 2^n.  Overflow: 64-bit product, then clamped as hdt_sat. */
+static inline int32_t hdt_mul(int32_t a, int32_t b, unsigned n)
+{
+    return hdt_sat(hdt_shr((int64_t)a * b, n));
+}
+
+/* x within lo .. hi. */
+static inline int64_t hdt_clamp(int64_t x, int64_t lo, int64_t hi)
+{
+    return x < lo ? lo : x > hi ? hi : x;
+}
+
+/* Overflow: |-2^31| is 2^31 - 1. */
+static inline int32_t hdt_abs(int32_t x)
+{
+    return x >= 0 ? x : x == INT32_MIN ? INT32_MAX : -x;
+}
+
+/* Sine and cosine, q30, of an angle; within 4e-9, exact at whole quarter turns. */
+void hdt_sin_cos(hdt_phase_t angle, int32_t *sin_q30, int32_t *cos_q30);
+
+/* exp(-x), q30, for x in q28, x >= 0; within 3e-7 of the true value relatively or 1e-9 absolutely. */
+int32_t hdt_exp_neg(uint64_t x_q28);
+
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -1,0 +1,267 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The step: counts to motion, motion to terms, terms to the gate.
+ *
+ * Owns: the order of a period and what is remembered between periods.
+ * Never: writes a digit or a speed word (the gate does), knows how a term is made.
+ */
+#include "ctrl/hdt_chain.h"
+#include "ctrl/hdt_comp.h"
+#include "ctrl/hdt_gate.h"
+#include "ctrl/hdt_vel.h"
+
+#define HAS(terms, t) (((terms) >> (t)) & 1u)
+
+/* velocity mode: speed added per position error, 1/s */
+#define VELOCITY_KPOS 4
+
+int hdt_init(hdt_t *h, const struct hdt_tables *tables)
+{
+    if (h == NULL)
+        return HDT_ERR_ARG;
+    *h = (hdt_t){0};
+    if (tables == NULL)
+        return HDT_ERR_ARG;
+    if (hdt_tables_check(tables, NULL, NULL) != HDT_TABLES_OK)
+        return HDT_ERR_TABLES;
+
+    h->tables = tables;
+    for (uint32_t j = 0; j < tables->joints; j++) {
+        h->terms |= tables->joint[j].terms;
+        h->count[j] = tables->joint[j].zero_cnt;
+        h->cold_q30[j] = (int32_t)1 << 30;
+    }
+    return HDT_OK;
+}
+
+int hdt_clear(hdt_t *h)
+{
+    if (h == NULL)
+        return HDT_ERR_ARG;
+    if (h->tables == NULL)
+        return HDT_ERR_TABLES;
+    hdt_gate_clear(&h->gate);
+    return HDT_OK;
+}
+
+/* Host time: the cold share falls once a second; at most one second a period is caught up. */
+static void pass_time(hdt_t *h, uint64_t t_us)
+{
+    h->second_us += h->steps == 0 ? 0 : t_us - h->t_us;
+    h->t_us = t_us;
+    h->steps += h->steps < UINT32_MAX;
+    if (h->second_us < 1000000u)
+        return;
+    h->second_us -= 1000000u;
+    for (uint32_t j = 0; j < h->tables->joints; j++)
+        h->cold_q30[j] = hdt_mul(h->cold_q30[j], h->tables->joint[j].cold_decay_q31, 31);
+}
+
+/* Cold share now: linear within the second. */
+static int32_t cold_share(const hdt_t *h, uint32_t j)
+{
+    /* 2^52 / 1e6: us q0 -> s q30 */
+    const uint64_t within = h->second_us < 1000000u ? h->second_us : 1000000u;
+    const int64_t part_q30 = (int64_t)((within * 4503599627u) >> 22);
+    const int64_t lost_q31 = ((int64_t)1 << 31) - h->tables->joint[j].cold_decay_q31;
+    const int64_t drop_q30 = hdt_shr(h->cold_q30[j] * lost_q31, 31);
+    return (int32_t)(h->cold_q30[j] - hdt_shr(drop_q30 * part_q30, 30));
+}
+
+/* Newest count to filtered velocity.  Without a new count the last difference is held. */
+static int32_t measure_velocity(hdt_t *h, const struct hdt_in *in, uint32_t j)
+{
+    const struct hdt_tables *t = h->tables;
+    struct hdt_vel *vel = &h->vel[j];
+    const uint32_t bit = (uint32_t)1 << j;
+    int32_t x_q24 = vel->x_q24[0];
+
+    if (in->fresh & bit) {
+        /* the gate has counted the periods missed so far; this one has arrived */
+        const uint32_t missed = h->gate.stale[j];
+        if ((h->seen & bit) && missed < HDT_VEL_GAP_MAX) {
+            const int64_t per_count = hdt_vel_per_count_q32(t->joint[j].rad_per_count_q44, t->rate_q16);
+            x_q24 = hdt_vel_difference(in->count[j].raw, h->count[j], per_count, missed + 1u);
+            x_q24 = t->joint[j].sign < 0 ? -x_q24 : x_q24;
+        }
+        h->count[j] = in->count[j].raw;
+        h->seen |= bit;
+    }
+    return hdt_vel_filter(vel, t->biquad_q28, x_q24);
+}
+
+/* Path of the reference since it last reversed: zero in the period of the reversal. */
+static int64_t pass_travel(hdt_t *h, uint32_t j, int32_t v_ref_q24, uint32_t period_q32)
+{
+    const int32_t sign = (v_ref_q24 > 0) - (v_ref_q24 < 0);
+    if (sign != 0 && sign != h->dir[j]) {
+        h->dir[j] = sign;
+        h->travel_q40[j] = 0;
+    }
+    const int64_t travel = h->travel_q40[j];
+
+    /* q24 * q32 = q56 -> q40; held at 64 rad */
+    const int64_t limit = (int64_t)1 << 46;
+    const int64_t sum = travel + hdt_shr((int64_t)hdt_abs(v_ref_q24) * period_q32, 16);
+    h->travel_q40[j] = sum < limit ? sum : limit;
+    return travel;
+}
+
+static void measure(hdt_t *h, const struct hdt_in *in, struct hdt_motion m[], struct hdt_out *out)
+{
+    const struct hdt_tables *t = h->tables;
+    /* ns to s q32: 2^62 / 1e9 = 4611686018 */
+    const uint32_t period_q32 = (uint32_t)(((uint64_t)t->period_ns * 4611686018u) >> 30);
+
+    for (uint32_t j = 0; j < t->joints; j++) {
+        const struct hdt_joint_tab *tab = &t->joint[j];
+        m[j].v_q24 = measure_velocity(h, in, j);
+        m[j].turned = hdt_comp_turned(tab, h->count[j]);
+        m[j].q_q24 = hdt_comp_angle_q24(tab, m[j].turned);
+        m[j].q_ref_q24 = in->q_ref[j].raw;
+        m[j].v_ref_q24 = in->v_ref[j].raw;
+        m[j].a_ref_q16 = in->a_ref[j].raw;
+        m[j].dir_q30 = hdt_comp_direction_q30(tab, m[j].v_ref_q24);
+        m[j].travel_q40 = pass_travel(h, j, m[j].v_ref_q24, period_q32);
+        m[j].cold_q30 = cold_share(h, j);
+        hdt_sin_cos(hdt_comp_phase(tab->phase_per_count_q24, m[j].turned), &m[j].sin_q30, &m[j].cos_q30);
+        out->q[j].raw = m[j].q_q24;
+        out->v[j].raw = m[j].v_q24;
+    }
+}
+
+/* Every term of one joint; gravity and inertia of the chain come in. */
+static void joint_terms(const struct hdt_joint_tab *tab, const struct hdt_motion *m, int32_t gravity,
+                        int32_t inertia, int32_t term[HDT_TERMS])
+{
+    const uint32_t has = tab->terms;
+    if (HAS(has, HDT_TERM_GRAVITY))
+        term[HDT_TERM_GRAVITY] = gravity;
+    if (HAS(has, HDT_TERM_INERTIA))
+        term[HDT_TERM_INERTIA] = hdt_sat((int64_t)inertia + hdt_mul(tab->rotor_q20, m->a_ref_q16, 20));
+    if (HAS(has, HDT_TERM_FRICTION))
+        term[HDT_TERM_FRICTION] = hdt_comp_friction(tab, m);
+    if (HAS(has, HDT_TERM_RIPPLE))
+        term[HDT_TERM_RIPPLE] = hdt_comp_ripple(tab, m);
+    if (HAS(has, HDT_TERM_STIFFNESS))
+        term[HDT_TERM_STIFFNESS] = hdt_comp_stiffness(tab, m, gravity);
+    if (HAS(has, HDT_TERM_LINES))
+        term[HDT_TERM_LINES] = hdt_comp_lines(tab, m);
+    if (HAS(has, HDT_TERM_LOAD))
+        term[HDT_TERM_LOAD] = hdt_comp_load(tab, m, gravity);
+    if (HAS(has, HDT_TERM_TEMPERATURE))
+        term[HDT_TERM_TEMPERATURE] = hdt_comp_temperature(tab, m);
+    if (HAS(has, HDT_TERM_PRESLIDING))
+        term[HDT_TERM_PRESLIDING] = hdt_comp_presliding(tab, m);
+    if (HAS(has, HDT_TERM_SPRING))
+        term[HDT_TERM_SPRING] = hdt_comp_spring(tab, m);
+    if (HAS(has, HDT_TERM_OFFSET))
+        term[HDT_TERM_OFFSET] = tab->offset_q16;
+    if (HAS(has, HDT_TERM_P))
+        term[HDT_TERM_P] = hdt_comp_p(tab, m);
+    if (HAS(has, HDT_TERM_D))
+        term[HDT_TERM_D] = hdt_comp_d(tab, m);
+}
+
+static void compensate(const hdt_t *h, const struct hdt_motion m[], struct hdt_out *out)
+{
+    const struct hdt_tables *t = h->tables;
+    int32_t gravity[HDT_JOINTS_MAX] = {0}, inertia[HDT_JOINTS_MAX] = {0};
+
+    /* wind-up and load friction need the holding torque whether or not it is itself commanded */
+    if (h->terms & (1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_STIFFNESS | 1u << HDT_TERM_LOAD))
+        hdt_chain_gravity(t, m, gravity);
+    if (HAS(h->terms, HDT_TERM_INERTIA))
+        hdt_chain_inertia(t, m, inertia);
+
+    for (uint32_t j = 0; j < t->joints; j++) {
+        int32_t term[HDT_TERMS] = {0};
+        int64_t total = 0;
+        joint_terms(&t->joint[j], &m[j], gravity[j], inertia[j], term);
+        for (int k = 0; k < HDT_TERMS; k++) {
+            out->term[k][j].raw = term[k];
+            total += term[k];
+        }
+        out->total[j].raw = hdt_sat(total);
+    }
+}
+
+int hdt_step(hdt_t *h, const struct hdt_in *in, struct hdt_out *out)
+{
+    if (out != NULL)
+        *out = (struct hdt_out){0};
+    if (h == NULL || in == NULL || out == NULL || in->mode > HDT_MODE_VELOCITY)
+        return HDT_ERR_ARG;
+    if (h->tables == NULL)
+        return HDT_ERR_TABLES;
+    if (h->steps != 0 && in->t_us <= h->t_us)
+        return HDT_ERR_TIME;
+
+    struct hdt_motion m[HDT_JOINTS_MAX];
+    hdt_radps_t v_cmd[HDT_JOINTS_MAX];
+    pass_time(h, in->t_us);
+    measure(h, in, m, out);
+    compensate(h, m, out);
+    for (uint32_t j = 0; j < h->tables->joints; j++) {
+        const int64_t error_q24 = (int64_t)m[j].q_ref_q24 - m[j].q_q24;
+        v_cmd[j].raw = hdt_sat(m[j].v_ref_q24 + VELOCITY_KPOS * error_q24);
+    }
+    hdt_gate_step(&h->gate, h->tables, in, h->seen, v_cmd, out);
+    return HDT_OK;
+}
+
+const char *hdt_strerror(int err)
+{
+    switch (err) {
+    case HDT_OK: return "no error";
+    case HDT_ERR_ARG: return "null pointer or unknown mode";
+    case HDT_ERR_TABLES: return "tables missing or not acceptable";
+    case HDT_ERR_TIME: return "time did not advance";
+    default: return "unknown error";
+    }
+}
+
+const char *hdt_fault_str(uint32_t one_bit)
+{
+    switch (one_bit) {
+    case 0: return "none";
+    case HDT_FAULT_STALE: return "stale";
+    case HDT_FAULT_SPEED: return "speed";
+    case HDT_FAULT_FOLLOWING: return "following";
+    case HDT_FAULT_SERVO: return "servo";
+    case HDT_FAULT_REFERENCE: return "reference";
+    default: return "unknown";
+    }
+}
+
+const char *hdt_limit_str(uint32_t one_bit)
+{
+    switch (one_bit) {
+    case 0: return "none";
+    case HDT_LIM_TORQUE: return "torque";
+    case HDT_LIM_SLEW: return "slew";
+    case HDT_LIM_POSITION: return "position";
+    case HDT_LIM_SPEED: return "speed";
+    default: return "unknown";
+    }
+}
+
+const char *hdt_term_str(int term)
+{
+    switch (term) {
+    case HDT_TERM_GRAVITY: return "gravity";
+    case HDT_TERM_INERTIA: return "inertia";
+    case HDT_TERM_FRICTION: return "friction";
+    case HDT_TERM_RIPPLE: return "ripple";
+    case HDT_TERM_STIFFNESS: return "stiffness";
+    case HDT_TERM_LINES: return "lines";
+    case HDT_TERM_LOAD: return "load";
+    case HDT_TERM_TEMPERATURE: return "temperature";
+    case HDT_TERM_PRESLIDING: return "presliding";
+    case HDT_TERM_SPRING: return "spring";
+    case HDT_TERM_OFFSET: return "offset";
+    case HDT_TERM_P: return "p";
+    case HDT_TERM_D: return "d";
+    default: return "unknown";
+    }
+}

@@ -1,0 +1,419 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Tables: the acceptance check, and the .hdtm image by one list of fields for both directions.
+ *
+ * Owns: what the core accepts, the byte order, the CRC.
+ * Never: believes an image: nothing is used before length, CRC and every value are checked.
+ */
+#include "ctrl/hdt_tables.h"
+
+#define WHOLE_TURN ((uint64_t)1 << 56) /* phase units q24 */
+#define NO_LIMIT INT32_MAX             /* -2^31 alone is refused: negating it would overflow */
+
+/* Members that are one or more int32, or uint32 below 2^31, with the range each value may have. */
+struct range {
+    const char *name;
+    size_t at, count;
+    int32_t lo, hi;
+};
+#define RANGE(owner, member, low, high) \
+    {#member, offsetof(struct owner, member), sizeof(((struct owner *)NULL)->member) / 4, low, high}
+
+static const struct range head_ranges[] = {
+    RANGE(hdt_tables, joints, 1, HDT_JOINTS_MAX),
+    RANGE(hdt_tables, period_ns, 31000, 1000000000),
+    RANGE(hdt_tables, rate_q16, 1, NO_LIMIT),
+    RANGE(hdt_tables, stale_periods, 1, 1000000),
+    /* a vector turned stays below 2^31 */
+    RANGE(hdt_tables, gravity_q24, -(1 << 30), 1 << 30),
+    RANGE(hdt_tables, biquad_q28, -(1 << 30), 1 << 30),
+};
+
+static const struct range joint_ranges[] = {
+    RANGE(hdt_joint_tab, terms, 0, (1 << HDT_TERMS) - 1),
+    RANGE(hdt_joint_tab, sign, -1, 1),
+    RANGE(hdt_joint_tab, zero_cnt, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_joint_tab, rot_q30, -(1 << 30), 1 << 30),
+    RANGE(hdt_joint_tab, trans_q24, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_joint_tab, mass_q20, 0, NO_LIMIT),
+    RANGE(hdt_joint_tab, moment_q20, -NO_LIMIT, NO_LIMIT),
+    /* a row times a vector stays below 2^62 */
+    RANGE(hdt_joint_tab, inertia_q20, -(1 << 29), 1 << 29),
+    RANGE(hdt_joint_tab, hold_moment_q20, -(1 << 30), 1 << 30),
+    RANGE(hdt_joint_tab, rotor_q20, 0, NO_LIMIT),
+    RANGE(hdt_joint_tab, v_ramp_inv_q16, 1, NO_LIMIT),
+    RANGE(hdt_joint_tab, friction_shift, 1, 23),
+    /* a rise times a speed stays below 2^62 */
+    RANGE(hdt_joint_tab, friction_q16, -(1 << 30), 1 << 30),
+    RANGE(hdt_joint_tab, stiffness, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_joint_tab, lines, 0, HDT_LINES_MAX),
+    RANGE(hdt_joint_tab, load_mu_q24, 0, NO_LIMIT),
+    RANGE(hdt_joint_tab, cold_coulomb_q16, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_joint_tab, cold_viscous_q16, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_joint_tab, cold_decay_q31, 0, NO_LIMIT),
+    RANGE(hdt_joint_tab, presliding_q16, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_joint_tab, presliding_inv_q8, 0, NO_LIMIT),
+    RANGE(hdt_joint_tab, spring_q16, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_joint_tab, spring_q0_q24, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_joint_tab, offset_q16, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_joint_tab, kp_q16, 0, NO_LIMIT),
+    RANGE(hdt_joint_tab, kd_q16, 0, NO_LIMIT),
+    RANGE(hdt_joint_tab, digit_per_nm_q24, 1, NO_LIMIT),
+    RANGE(hdt_joint_tab, dig_max, 1, 32767),
+    RANGE(hdt_joint_tab, dig_slew, 1, 65535),
+    RANGE(hdt_joint_tab, spd_max, 0, 32767),
+    RANGE(hdt_joint_tab, q_min_q24, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_joint_tab, q_max_q24, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_joint_tab, v_max_q24, 1, NO_LIMIT),
+    RANGE(hdt_joint_tab, follow_max_q24, 0, NO_LIMIT),
+};
+
+static const struct range line_ranges[] = {
+    RANGE(hdt_line_tab, amplitude_q16, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_line_tab, directed, 0, 1),
+};
+
+#define COUNT(array) (sizeof(array) / sizeof((array)[0]))
+
+static int64_t magnitude(int64_t x)
+{
+    return x < 0 ? -x : x;
+}
+
+/* Name of the first member out of range, or NULL. */
+static const char *out_of_range(const void *owner, const struct range *list, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        const int32_t *value = (const int32_t *)(const void *)((const char *)owner + list[i].at);
+        for (size_t k = 0; k < list[i].count; k++)
+            if (value[k] < list[i].lo || value[k] > list[i].hi)
+                return list[i].name;
+    }
+    return NULL;
+}
+
+/* A low-pass whose output for a constant is that constant, stable, and not alternating: then no
+ * filter sum can wrap (hdt_vel.h). */
+static int biquad_ok(const int32_t b[5])
+{
+    const int64_t one = (int64_t)1 << 28;
+    const int64_t in = (int64_t)b[0] + b[1] + b[2], back = one + b[3] + b[4];
+    return b[0] >= 0 && b[1] >= 0 && b[2] >= 0 && magnitude(b[4]) < one &&
+           magnitude(b[3]) < one + b[4] && magnitude(in - back) <= 4;
+}
+
+/* Columns of length one, at right angles, right-handed, each within 1e-6. */
+static int rotation_ok(const int32_t r[9])
+{
+    const int64_t one = (int64_t)1 << 60, tolerance = one / 1000000;
+    for (int a = 0; a < 3; a++) {
+        for (int b = a; b < 3; b++) {
+            const int64_t dot = (int64_t)r[a] * r[b] + (int64_t)r[3 + a] * r[3 + b] +
+                                (int64_t)r[6 + a] * r[6 + b];
+            if (magnitude(dot - (a == b ? one : 0)) > tolerance)
+                return 0;
+        }
+    }
+    /* given that, x cross y is z or -z: the sign of its largest part tells */
+    for (int i = 0; i < 3; i++) {
+        const int m = (i + 1) % 3 * 3, n = (i + 2) % 3 * 3;
+        const int64_t z = (int64_t)r[m] * r[n + 1] - (int64_t)r[n] * r[m + 1];
+        if (magnitude(r[3 * i + 2]) > (1 << 29))
+            return (z > 0) == (r[3 * i + 2] > 0);
+    }
+    return 0;
+}
+
+/* Angle per count and phase per count say the same ratio, and velocity per count fits its format. */
+static const char *scaling(const struct hdt_joint_tab *j, uint32_t rate_q16)
+{
+    if (j->rad_per_count_q44 == 0)
+        return "rad_per_count_q44";
+    /* q44 rad = 2 pi * 2^-12 phase units q24; 2^50 * 2^23 would not fit, hence the first test */
+    if (j->phase_per_count_q24 >= (uint64_t)1 << 42)
+        return "phase_per_count_q24";
+    const int64_t by_angle = (int64_t)((uint64_t)j->rad_per_count_q44 << 12);
+    const int64_t by_phase = (int64_t)((j->phase_per_count_q24 * 1647099u) >> 18);
+    if (magnitude(by_angle - by_phase) > by_angle / 100000 + 65536)
+        return "phase_per_count_q24";
+    if (((uint64_t)j->rad_per_count_q44 * rate_q16) >> 28 > (uint64_t)1 << 36)
+        return "rad_per_count_q44";
+    return NULL;
+}
+
+/* Name of the first wrong member of a joint, or NULL. */
+static const char *joint_wrong(const struct hdt_joint_tab *j, uint32_t rate_q16)
+{
+    const char *name = out_of_range(j, joint_ranges, COUNT(joint_ranges));
+    if (name != NULL)
+        return name;
+    if (j->sign == 0)
+        return "sign";
+    if ((name = scaling(j, rate_q16)) != NULL)
+        return name;
+    if (!rotation_ok(j->rot_q30))
+        return "rot_q30";
+    if (j->stiffness[0].t1_q16 > j->stiffness[0].t2_q16 || j->stiffness[1].t1_q16 > j->stiffness[1].t2_q16)
+        return "stiffness";
+    for (uint32_t k = 0; k < j->lines; k++) {
+        if ((name = out_of_range(&j->line[k], line_ranges, COUNT(line_ranges))) != NULL)
+            return name;
+        if (j->line[k].phase_per_count_q24 >= WHOLE_TURN)
+            return "line.phase_per_count_q24";
+    }
+    if (j->q_min_q24 >= j->q_max_q24)
+        return "q_min_q24";
+    return NULL;
+}
+
+/* Name of the first wrong member outside the joints, or NULL.  *err is set with it. */
+static const char *head_wrong(const struct hdt_tables *t, int *err)
+{
+    *err = HDT_TABLES_NOT_OURS;
+    if (t->magic != HDT_TABLES_MAGIC)
+        return "magic";
+    *err = HDT_TABLES_VERSION;
+    if (t->layout != HDT_TABLES_LAYOUT)
+        return "layout";
+    *err = HDT_TABLES_RANGE;
+    const char *name = out_of_range(t, head_ranges, COUNT(head_ranges));
+    if (name != NULL)
+        return name;
+    if (t->name[sizeof t->name - 1] != 0)
+        return "name";
+    /* period times rate is one second, to 1e-4 */
+    const int64_t second = (int64_t)65536 * 1000000000;
+    if (magnitude((int64_t)t->period_ns * t->rate_q16 - second) > second / 10000)
+        return "rate_q16";
+    if (!biquad_ok(t->biquad_q28))
+        return "biquad_q28";
+    return NULL;
+}
+
+static int wrong(const char *name, int at, int err, const char **where, int *joint)
+{
+    if (where != NULL)
+        *where = name;
+    if (joint != NULL)
+        *joint = at;
+    return err;
+}
+
+int hdt_tables_check(const struct hdt_tables *t, const char **where, int *joint)
+{
+    int err;
+    int64_t moment = 0;
+    const char *name = head_wrong(t, &err);
+    if (name != NULL)
+        return wrong(name, -1, err, where, joint);
+
+    for (uint32_t j = 0; j < t->joints; j++) {
+        name = joint_wrong(&t->joint[j], t->rate_q16);
+        if (name != NULL)
+            return wrong(name, (int)j, HDT_TABLES_RANGE, where, joint);
+
+        /* gathered over all links the first moment stays below 2^30 (hdt_chain.h) */
+        for (int i = 0; i < 3; i++)
+            moment += magnitude(t->joint[j].hold_moment_q20[i]);
+        if (moment >= (int64_t)1 << 30)
+            return wrong("hold_moment_q20", (int)j, HDT_TABLES_RANGE, where, joint);
+    }
+    return HDT_TABLES_OK;
+}
+
+/* One member of a struct in the image: `count` little-endian values of `width` bytes. */
+struct field {
+    size_t at, width, count;
+};
+#define FIELD(owner, member, bytes) \
+    {offsetof(struct owner, member), bytes, sizeof(((struct owner *)NULL)->member) / (bytes)}
+
+static const struct field head_fields[] = {
+    FIELD(hdt_tables, magic, 4),       FIELD(hdt_tables, layout, 4),
+    FIELD(hdt_tables, digest, 1),      FIELD(hdt_tables, name, 1),
+    FIELD(hdt_tables, joints, 4),      FIELD(hdt_tables, period_ns, 4),
+    FIELD(hdt_tables, rate_q16, 4),    FIELD(hdt_tables, stale_periods, 4),
+    FIELD(hdt_tables, gravity_q24, 4), FIELD(hdt_tables, biquad_q28, 4),
+};
+
+/* up to the lines */
+static const struct field joint_fields[] = {
+    FIELD(hdt_joint_tab, terms, 4),           FIELD(hdt_joint_tab, sign, 4),
+    FIELD(hdt_joint_tab, zero_cnt, 4),        FIELD(hdt_joint_tab, rad_per_count_q44, 4),
+    FIELD(hdt_joint_tab, phase_per_count_q24, 8), FIELD(hdt_joint_tab, rot_q30, 4),
+    FIELD(hdt_joint_tab, trans_q24, 4),       FIELD(hdt_joint_tab, mass_q20, 4),
+    FIELD(hdt_joint_tab, moment_q20, 4),      FIELD(hdt_joint_tab, inertia_q20, 4),
+    FIELD(hdt_joint_tab, hold_moment_q20, 4), FIELD(hdt_joint_tab, rotor_q20, 4),
+    FIELD(hdt_joint_tab, v_ramp_inv_q16, 4),  FIELD(hdt_joint_tab, friction_shift, 4),
+    FIELD(hdt_joint_tab, friction_q16, 4),    FIELD(hdt_joint_tab, ripple_q8, 2),
+    FIELD(hdt_joint_tab, stiffness, 4),       FIELD(hdt_joint_tab, lines, 4),
+};
+
+static const struct field line_fields[] = {
+    FIELD(hdt_line_tab, phase_per_count_q24, 8), FIELD(hdt_line_tab, amplitude_q16, 4),
+    FIELD(hdt_line_tab, directed, 4),            FIELD(hdt_line_tab, phase0, 4),
+};
+
+/* after the lines */
+static const struct field tail_fields[] = {
+    FIELD(hdt_joint_tab, load_mu_q24, 4),      FIELD(hdt_joint_tab, cold_coulomb_q16, 4),
+    FIELD(hdt_joint_tab, cold_viscous_q16, 4), FIELD(hdt_joint_tab, cold_decay_q31, 4),
+    FIELD(hdt_joint_tab, presliding_q16, 4),   FIELD(hdt_joint_tab, presliding_inv_q8, 4),
+    FIELD(hdt_joint_tab, spring_q16, 4),       FIELD(hdt_joint_tab, spring_q0_q24, 4),
+    FIELD(hdt_joint_tab, offset_q16, 4),       FIELD(hdt_joint_tab, kp_q16, 4),
+    FIELD(hdt_joint_tab, kd_q16, 4),           FIELD(hdt_joint_tab, digit_per_nm_q24, 4),
+    FIELD(hdt_joint_tab, dig_max, 4),          FIELD(hdt_joint_tab, dig_slew, 4),
+    FIELD(hdt_joint_tab, spd_max, 4),          FIELD(hdt_joint_tab, q_min_q24, 4),
+    FIELD(hdt_joint_tab, q_max_q24, 4),        FIELD(hdt_joint_tab, v_max_q24, 4),
+    FIELD(hdt_joint_tab, follow_max_q24, 4),
+};
+
+/* Little endian to and from the machine's own order. */
+static void copy_in(void *to, const uint8_t *from, size_t width)
+{
+    uint64_t bits = 0;
+    for (size_t i = width; i-- > 0;)
+        bits = bits << 8 | from[i];
+    switch (width) {
+    case 1: *(uint8_t *)to = (uint8_t)bits; break;
+    case 2: *(uint16_t *)to = (uint16_t)bits; break;
+    case 4: *(uint32_t *)to = (uint32_t)bits; break;
+    default: *(uint64_t *)to = bits; break;
+    }
+}
+
+static void copy_out(uint8_t *to, const void *from, size_t width)
+{
+    uint64_t bits;
+    switch (width) {
+    case 1: bits = *(const uint8_t *)from; break;
+    case 2: bits = *(const uint16_t *)from; break;
+    case 4: bits = *(const uint32_t *)from; break;
+    default: bits = *(const uint64_t *)from; break;
+    }
+    for (size_t i = 0; i < width; i++)
+        to[i] = (uint8_t)(bits >> (8 * i));
+}
+
+static size_t fields_size(const struct field *list, size_t count)
+{
+    size_t size = 0;
+    for (size_t i = 0; i < count; i++)
+        size += list[i].width * list[i].count;
+    return size;
+}
+
+static const uint8_t *fields_in(const struct field *list, size_t count, void *owner, const uint8_t *from)
+{
+    for (size_t i = 0; i < count; i++) {
+        for (size_t k = 0; k < list[i].count; k++) {
+            copy_in((char *)owner + list[i].at + k * list[i].width, from, list[i].width);
+            from += list[i].width;
+        }
+    }
+    return from;
+}
+
+static uint8_t *fields_out(const struct field *list, size_t count, const void *owner, uint8_t *to)
+{
+    for (size_t i = 0; i < count; i++) {
+        for (size_t k = 0; k < list[i].count; k++) {
+            copy_out(to, (const char *)owner + list[i].at + k * list[i].width, list[i].width);
+            to += list[i].width;
+        }
+    }
+    return to;
+}
+
+#define SIZE(list) fields_size(list, COUNT(list))
+#define IN(list, owner, from) fields_in(list, COUNT(list), owner, from)
+#define OUT(list, owner, to) fields_out(list, COUNT(list), owner, to)
+
+/* CRC-32, reflected polynomial 0xEDB88320, as zlib */
+static uint32_t crc32(const uint8_t *data, size_t size)
+{
+    uint32_t crc = 0xffffffffu;
+    for (size_t i = 0; i < size; i++) {
+        crc ^= data[i];
+        for (int bit = 0; bit < 8; bit++)
+            crc = crc >> 1 ^ (0xedb88320u & (0u - (crc & 1u)));
+    }
+    return ~crc;
+}
+
+size_t hdt_tables_size(uint32_t joints)
+{
+    const size_t joint = SIZE(joint_fields) + HDT_LINES_MAX * SIZE(line_fields) + SIZE(tail_fields);
+    return SIZE(head_fields) + joints * joint + 4;
+}
+
+size_t hdt_tables_write(const struct hdt_tables *t, uint8_t *buf, size_t cap)
+{
+    if (t->joints < 1 || t->joints > HDT_JOINTS_MAX || cap < hdt_tables_size(t->joints))
+        return 0;
+    uint8_t *to = OUT(head_fields, t, buf);
+    for (uint32_t j = 0; j < t->joints; j++) {
+        to = OUT(joint_fields, &t->joint[j], to);
+        for (int k = 0; k < HDT_LINES_MAX; k++)
+            to = OUT(line_fields, &t->joint[j].line[k], to);
+        to = OUT(tail_fields, &t->joint[j], to);
+    }
+    const uint32_t crc = crc32(buf, (size_t)(to - buf));
+    copy_out(to, &crc, 4);
+    return (size_t)(to - buf) + 4;
+}
+
+/* Magic, layout, length and CRC, in this order, so that the first thing wrong is the one told. */
+static int image_wrong(const uint8_t *image, size_t size, struct hdt_tables *out)
+{
+    uint32_t magic, layout, crc;
+    if (size < 8)
+        return HDT_TABLES_SHORT;
+    copy_in(&magic, image, 4);
+    copy_in(&layout, image + 4, 4);
+    if (magic != HDT_TABLES_MAGIC)
+        return HDT_TABLES_NOT_OURS;
+    if (layout != HDT_TABLES_LAYOUT) {
+        out->layout = layout;
+        return HDT_TABLES_VERSION;
+    }
+    if (size < SIZE(head_fields))
+        return HDT_TABLES_SHORT;
+    (void)IN(head_fields, out, image);
+    const uint32_t joints = out->joints;
+    *out = (struct hdt_tables){0};
+    if (joints < 1 || joints > HDT_JOINTS_MAX || size != hdt_tables_size(joints))
+        return HDT_TABLES_SHORT;
+    copy_in(&crc, image + size - 4, 4);
+    return crc == crc32(image, size - 4) ? HDT_TABLES_OK : HDT_TABLES_CRC;
+}
+
+int hdt_tables_read(const uint8_t *image, size_t size, struct hdt_tables *out)
+{
+    *out = (struct hdt_tables){0};
+    const int err = image_wrong(image, size, out);
+    if (err != HDT_TABLES_OK)
+        return err;
+
+    const uint8_t *from = IN(head_fields, out, image);
+    for (uint32_t j = 0; j < out->joints; j++) {
+        from = IN(joint_fields, &out->joint[j], from);
+        for (int k = 0; k < HDT_LINES_MAX; k++)
+            from = IN(line_fields, &out->joint[j].line[k], from);
+        from = IN(tail_fields, &out->joint[j], from);
+    }
+    return hdt_tables_check(out, NULL, NULL);
+}
+
+const char *hdt_tables_strerror(int err)
+{
+    switch (err) {
+    case HDT_TABLES_OK: return "no error";
+    case HDT_TABLES_SHORT: return "image is cut short, too long, or its joint count is not 1 to 16";
+    case HDT_TABLES_NOT_OURS: return "not a table image";
+    case HDT_TABLES_VERSION: return "table layout differs from this core's; generate the tables again";
+    case HDT_TABLES_CRC: return "checksum does not match: image damaged";
+    case HDT_TABLES_RANGE: return "a value is outside what the core takes";
+    default: return "unknown error";
+    }
+}
