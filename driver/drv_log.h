@@ -1,10 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * From the cycle to a file without the cycle ever waiting: a single-producer single-consumer ring
- * of records, and a writer that drains it to CSV and to an LCM event log.
+ * of records, a writer that takes them to CSV or to an LCM event log, and a reader of the latter.
  *
- * Owns: the ring, the record, the two log formats (docs/formats.md).
- * Never: blocks the producer: a full ring drops the record and counts it.
+ * The event log keeps every period bit for bit: it replays.  The CSV is a table of measurements: a
+ * period without a fresh state has no row.
+ *
+ * Owns: the ring, the record, the two log formats (docs/formats.md, section Log).
+ * Never: blocks the producer: a full ring drops the record and the cycle counts it.
  */
 #ifndef DRV_LOG_H
 #define DRV_LOG_H
@@ -44,21 +47,47 @@ int drv_ring_push(struct drv_ring *r, const struct drv_record *rec);
 /* Consumer.  Returns 1 and a record, or 0 when empty.  Wait-free. */
 int drv_ring_pop(struct drv_ring *r, struct drv_record *rec);
 
-/* Writer.  path ends in .csv or .lcm; the file is written under a temporary name and takes its own
- * name in drv_writer_close, so nobody reads half a log. */
+/* Writer.  path ends in .csv or .lcm; the file is written as PATH.part and takes its own name in
+ * drv_writer_close, so nobody reads half a log.  One writer a path at a time. */
 struct drv_writer;
 struct drv_writer_cfg {
-    const struct hdt_tables *tables;
+    const struct hdt_tables *tables;    /* must outlive the writer */
     double ratio[HDT_JOINTS_MAX];       /* gear ratio, for output-side torque in the CSV */
-    const char *const *constants;       /* "key = value" lines for the CSV head, NULL-ended; may be NULL */
+    const char *const *constants;       /* "key = value" lines about the run, NULL-ended; may be NULL */
     int terms;                          /* CSV: also a column per term and joint, <term>{j}_nm */
 };
 /* Errors: NULL and a line in err.  Context: not in the cycle. */
 struct drv_writer *drv_writer_open(const char *path, const struct drv_writer_cfg *cfg, char *err,
                                    size_t errlen);
+/* 0, or -errno of the first write that failed; nothing is written after that. */
 int drv_writer_put(struct drv_writer *w, const struct drv_record *rec);
-/* 0, or negative and the temporary file is removed.  keep = 0 discards. */
+/* 0 and the log is in place, or -errno, no log, and what was at path before is untouched.
+ * keep = 0 discards.  w is gone either way; NULL is left alone. */
 int drv_writer_close(struct drv_writer *w, int keep);
+
+/* What an event log says about its run. */
+#define DRV_CONSTANTS_MAX 4096
+struct drv_run {
+    uint32_t version;                   /* DRV_LOG_VERSION */
+    uint32_t table_layout;              /* HDT_TABLES_LAYOUT the core ran with */
+    uint32_t period_ns;
+    uint32_t terms;                     /* HDT_TERMS */
+    uint32_t joints;
+    char arm[32];
+    uint8_t digest[32];                 /* of the model file */
+    double ratio[HDT_JOINTS_MAX];
+    char constants[DRV_CONSTANTS_MAX];  /* "key = value" lines, newline after each */
+};
+
+/* Reader of .lcm logs, for replay and conversion.  Any bytes are safe to open.
+ * Errors of open: NULL and a line in err.  Context: not in the cycle. */
+struct drv_reader;
+struct drv_reader *drv_reader_open(const char *path, char *err, size_t errlen);
+const struct drv_run *drv_reader_run(const struct drv_reader *r);
+/* 1 and a record, 0 at the end, negative when the file is damaged; drv_reader_error then says where. */
+int drv_reader_next(struct drv_reader *r, struct drv_record *rec);
+const char *drv_reader_error(const struct drv_reader *r); /* "" while all is well */
+void drv_reader_close(struct drv_reader *r);
 
 #ifdef __cplusplus
 }

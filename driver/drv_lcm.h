@@ -1,0 +1,51 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Bytes of an LCM event log: the event header and the two messages of hdt_cycle.lcm.
+ *
+ * Owns: the byte layout, shared by writer and reader.  Not installed: hosts use drv_log.h.
+ * Never: does I/O, allocates.
+ */
+#ifndef DRV_LCM_H
+#define DRV_LCM_H
+
+#include "driver/drv_log.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define DRV_LCM_MAGIC 0xeda1da01u
+#define DRV_LCM_HEAD 28           /* magic, number, time stamp, two lengths */
+#define DRV_LCM_CHANNEL_MAX 63    /* LCM's own limit */
+#define DRV_LCM_DATA_MAX 8192     /* more than either message takes */
+#define DRV_LCM_CHANNEL_RUN "HDT_RUN"
+#define DRV_LCM_CHANNEL_CYCLE "HDT_CYCLE"
+
+struct drv_lcm_head {
+    uint32_t magic;
+    uint64_t number;              /* of the event, from 0 */
+    uint64_t t_us;
+    uint32_t channel_len, data_len;
+};
+
+void drv_lcm_put_head(const struct drv_lcm_head *h, uint8_t buf[DRV_LCM_HEAD]);
+void drv_lcm_get_head(const uint8_t buf[DRV_LCM_HEAD], struct drv_lcm_head *h);
+
+/* Bytes written, or 0 when cap is too small. */
+size_t drv_lcm_put_run(const struct drv_run *run, uint8_t *buf, size_t cap);
+size_t drv_lcm_put_record(const struct drv_record *rec, unsigned joints, uint8_t *buf, size_t cap);
+
+enum drv_lcm_err {
+    DRV_LCM_OK = 0,
+    DRV_LCM_TYPE = -1,    /* another message type */
+    DRV_LCM_VERSION = -2, /* our message, another version: in run->version */
+    DRV_LCM_DAMAGED = -3  /* a length or a count that cannot be */
+};
+/* Errors: enum drv_lcm_err; the output is then not to be used. */
+int drv_lcm_get_run(const uint8_t *buf, size_t len, struct drv_run *run);
+int drv_lcm_get_record(const uint8_t *buf, size_t len, unsigned joints, struct drv_record *rec);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

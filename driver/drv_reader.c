@@ -1,0 +1,172 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The reader of our LCM event logs.  Events on channels that are not ours are passed over, so a log
+ * merged with others by LCM's tools still reads.
+ *
+ * Owns: the open file.
+ * Never: trusts a length, allocates by what a file says, reads a damaged log in silence.
+ */
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "driver/drv_lcm.h"
+
+struct drv_reader {
+    FILE *f;
+    struct drv_run run;
+    unsigned long long offset;  /* of the event being read */
+    unsigned long long next;    /* of the one after it     */
+    char err[512];
+    char path[256];             /* shortened, for messages */
+    uint8_t buf[DRV_LCM_DATA_MAX];
+};
+
+static int fail(struct drv_reader *r, const char *what)
+{
+    (void)snprintf(r->err, sizeof r->err, "%s: at byte %llu: %s", r->path, r->offset, what);
+    return -1;
+}
+
+static int cut_off(struct drv_reader *r)
+{
+    if (ferror(r->f))
+        return fail(r, strerror(errno));
+    return fail(r, "the log ends inside an event: it was cut off; the events before it are good");
+}
+
+/* The next event: its channel, and its data when the channel is ours.  1, 0 at the end, or -1. */
+static int next_event(struct drv_reader *r, char channel[DRV_LCM_CHANNEL_MAX + 1], size_t *len)
+{
+    uint8_t head[DRV_LCM_HEAD];
+    struct drv_lcm_head h;
+    size_t n = fread(head, 1, sizeof head, r->f);
+    if (n == 0 && feof(r->f))
+        return 0;
+    if (n >= 4) {
+        memset(head + n, 0, sizeof head - n);
+        drv_lcm_get_head(head, &h);
+        if (h.magic != DRV_LCM_MAGIC)
+            return fail(r, "no LCM event here: expected its mark ed a1 da 01");
+    }
+    if (n < sizeof head)
+        return cut_off(r);
+    if (h.channel_len == 0 || h.channel_len > DRV_LCM_CHANNEL_MAX || h.data_len > INT32_MAX)
+        return fail(r, "an event with an impossible length");
+    if (fread(channel, 1, h.channel_len, r->f) != h.channel_len)
+        return cut_off(r);
+    channel[h.channel_len] = '\0';
+    int ours = strcmp(channel, DRV_LCM_CHANNEL_RUN) == 0 || strcmp(channel, DRV_LCM_CHANNEL_CYCLE) == 0;
+    if (ours && h.data_len > sizeof r->buf)
+        return fail(r, "an event of ours longer than ours can be");
+    *len = h.data_len;
+    r->next = r->offset + DRV_LCM_HEAD + h.channel_len + h.data_len;
+    /* what is not ours is read in pieces, each over the last */
+    for (size_t left = h.data_len; left > 0;) {
+        size_t piece = left < sizeof r->buf ? left : sizeof r->buf;
+        if (fread(r->buf, 1, piece, r->f) != piece)
+            return cut_off(r);
+        left -= piece;
+    }
+    return 1;
+}
+
+/* As next_event, ours only. */
+static int next_ours(struct drv_reader *r, char channel[DRV_LCM_CHANNEL_MAX + 1], size_t *len)
+{
+    for (;;) {
+        int e = next_event(r, channel, len);
+        if (e != 1 || strcmp(channel, DRV_LCM_CHANNEL_RUN) == 0 ||
+            strcmp(channel, DRV_LCM_CHANNEL_CYCLE) == 0)
+            return e;
+        r->offset = r->next;
+    }
+}
+
+static int read_run(struct drv_reader *r)
+{
+    char channel[DRV_LCM_CHANNEL_MAX + 1], line[160];
+    size_t len = 0;
+    int e = next_ours(r, channel, &len);
+    if (e < 0)
+        return e;
+    if (e == 0 || strcmp(channel, DRV_LCM_CHANNEL_RUN) != 0)
+        return fail(r, "no hdt log: expected an event on channel " DRV_LCM_CHANNEL_RUN " first");
+    switch (drv_lcm_get_run(r->buf, len, &r->run)) {
+    case DRV_LCM_OK:
+        break;
+    case DRV_LCM_VERSION:
+        (void)snprintf(line, sizeof line,
+                       "log version %lu, this program reads version %d: convert it with the program that "
+                       "wrote it", (unsigned long)r->run.version, DRV_LOG_VERSION);
+        return fail(r, line);
+    case DRV_LCM_TYPE:
+        return fail(r, "the run's head is not of the type hdt.run_t this version has");
+    default:
+        return fail(r, "the run's head is damaged");
+    }
+    if (r->run.terms != HDT_TERMS)
+        return fail(r, "the log has another number of torque terms than this program");
+    r->offset = r->next;
+    return 0;
+}
+
+struct drv_reader *drv_reader_open(const char *path, char *err, size_t errlen)
+{
+    struct drv_reader *r = calloc(1, sizeof *r);
+    if (r == NULL) {
+        if (err != NULL && errlen > 0)
+            (void)snprintf(err, errlen, "%s: out of memory", path);
+        return NULL;
+    }
+    (void)snprintf(r->path, sizeof r->path, "%s", path);
+    r->f = fopen(path, "rb");
+    if (r->f == NULL)
+        (void)snprintf(r->err, sizeof r->err, "%s: cannot be read: %s", r->path, strerror(errno));
+    else if (read_run(r) == 0)
+        return r;
+    if (err != NULL && errlen > 0)
+        (void)snprintf(err, errlen, "%s", r->err);
+    drv_reader_close(r);
+    return NULL;
+}
+
+const struct drv_run *drv_reader_run(const struct drv_reader *r)
+{
+    return &r->run;
+}
+
+int drv_reader_next(struct drv_reader *r, struct drv_record *rec)
+{
+    char channel[DRV_LCM_CHANNEL_MAX + 1];
+    size_t len = 0;
+    if (r->err[0] != '\0')
+        return -1;
+    int e = next_ours(r, channel, &len);
+    if (e != 1)
+        return e;
+    if (strcmp(channel, DRV_LCM_CHANNEL_RUN) == 0)
+        return fail(r, "a second run begins: one run a log");
+    e = drv_lcm_get_record(r->buf, len, r->run.joints, rec);
+    if (e == DRV_LCM_TYPE || e == DRV_LCM_VERSION)
+        return fail(r, "a cycle of another version than the run's head says");
+    if (e != DRV_LCM_OK)
+        return fail(r, "a cycle that is damaged");
+    r->offset = r->next;
+    return 1;
+}
+
+const char *drv_reader_error(const struct drv_reader *r)
+{
+    return r->err;
+}
+
+void drv_reader_close(struct drv_reader *r)
+{
+    if (r == NULL)
+        return;
+    if (r->f != NULL)
+        fclose(r->f);
+    free(r);
+}
