@@ -12,12 +12,11 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
-#include <fstream>
 
 #include <openssl/evp.h>
-#include <unistd.h>
 
 #include "model/arm_document.hpp"
+#include "model/files.hpp"
 
 namespace hdt {
 namespace arm {
@@ -434,17 +433,7 @@ std::string ArmFile::text() const
 
 void ArmFile::save(const std::string &path) const
 {
-    const std::string bytes = text(), temporary = path + ".tmp" + std::to_string(getpid());
-    std::FILE *file = std::fopen(temporary.c_str(), "wb");
-    if (!file)
-        throw InputError(temporary + ": expected to write here, found: " + std::strerror(errno));
-    const bool written = std::fwrite(bytes.data(), 1, bytes.size(), file) == bytes.size();
-    const bool closed = std::fclose(file) == 0;
-    if (!written || !closed || std::rename(temporary.c_str(), path.c_str()) != 0) {
-        const int error = errno;
-        std::remove(temporary.c_str());
-        throw InputError(path + ": expected to write here, found: " + std::strerror(error));
-    }
+    write_file(path, text());
 }
 
 } // namespace hdt

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The declared joint model in double precision: what the core computes in fixed point, term by term,
-// and the regressors of the same terms.
+// The declared joint model in double precision: what the core computes in fixed point, term by term.
 //
 // Owns: the meaning of every term of hdt_arm, once, in floating point.
 // Never: fits anything; knows nothing of hidden effects of the simulator.
@@ -29,10 +28,19 @@ using TermTorque = std::array<double, HDT_TERMS>;
 // Torque of every term of every joint, N.m output side; feedback terms zero.
 std::vector<TermTorque> arm_terms(const hdt_arm &arm, const Sample &s);
 
-// Velocity friction magnitude along motion, eq. (7).
+// Velocity friction magnitude along motion, speed >= 0 [Kennedy and Desai 2005, eq. (7)].
 double stribeck_nm(const hdt_arm_friction &f, double speed_radps);
 
-// Soft wind-up torque of the three lines at load x.
+// Soft wind-up torque, joint-signed, of the three lines at load x, for full motion in the set's
+// direction: line 1 below t1, line 2 up to t2, line 3 above; continuous; the line that holds load 0
+// has the value zero_nm there.
 double stiffness_nm(const hdt_arm_stiffness &k, double load_nm);
+
+// The same as value of each line at zero load, N.m.
+struct StiffnessLines { double intercept_nm[3]; };
+StiffnessLines stiffness_lines(const hdt_arm_stiffness &k);
+
+// N^2 (rotor + wave generator) + adopted extra inertia, kg.m^2 output side.
+double reflected_inertia_kgm2(const hdt_arm_joint &joint);
 
 } // namespace hdt

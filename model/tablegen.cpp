@@ -1,0 +1,465 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// hdt_arm to hdt_tables: every number rounded to its fixed point, refused by name where it does not
+// fit, and the worst error of each table measured against the double-precision terms.
+//
+// Owns: rounding, defaults, the choice of friction knots.
+// Never: changes the model.
+#include "model/tablegen.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <stdexcept>
+
+#include <Eigen/Dense>
+
+#include "ctrl/hdt_q.h"
+#include "model/hdt_arm.h"
+#include "model/rbd.hpp"
+#include "model/terms.hpp"
+
+namespace hdt {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr double pi = 3.14159265358979323846;
+using RowMatrix = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>;
+
+struct Refusal : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
+std::string text_of(double x)
+{
+    char buffer[40];
+    std::snprintf(buffer, sizeof buffer, "%.8g", x);
+    return buffer;
+}
+
+[[noreturn]] void refuse(const std::string &key, const std::string &expected, double found)
+{
+    throw Refusal(key + ": expected " + expected + " for the tables, found " + text_of(found));
+}
+
+// Nearest fixed-point value; the key's limits are part of the format or narrower.
+int32_t fixed(const std::string &key, double x, int bits, double low, double high)
+{
+    const double largest = std::ldexp(2147483647.0, -bits);
+    const double from = std::max(low, -largest), to = std::min(high, largest);
+    if (!(x >= from && x <= to))
+        refuse(key, "a number from " + text_of(from) + " to " + text_of(to), x);
+    return static_cast<int32_t>(std::llround(std::ldexp(x, bits)));
+}
+
+int32_t fixed(const std::string &key, double x, int bits)
+{
+    return fixed(key, x, bits, -HUGE_VAL, HUGE_VAL);
+}
+
+// Fraction of a turn as an integer of that many bits, modulo one turn.
+uint64_t turn_part(double turns, int bits)
+{
+    const double part = turns - std::floor(turns);
+    return static_cast<uint64_t>(std::llround(std::ldexp(part, bits))) & ((uint64_t(1) << bits) - 1);
+}
+
+// ---- chain ----
+
+struct Body { double mass; Vector3d moment; Matrix3d inertia; };
+
+// A link with what is fixed to it: the payload belongs to the last one.
+Body body_of(const hdt_arm &arm, int j)
+{
+    const hdt_arm_joint &joint = arm.joint[j];
+    Body body{joint.mass_kg, Vector3d(joint.moment_kgm), Matrix3d::Zero()};
+    const double *i = joint.inertia_kgm2;
+    body.inertia << i[0], i[1], i[2], i[1], i[3], i[4], i[2], i[4], i[5];
+    if (!joint.has_inertial)
+        body = {0, Vector3d::Zero(), Matrix3d::Zero()};
+    if (j + 1 == arm.joints) {
+        const Vector3d at = Vector3d(arm.flange_m) + RowMatrix(arm.flange_rot) * Vector3d(arm.payload_com_m);
+        body.mass += arm.payload_kg;
+        body.moment += arm.payload_kg * at;
+        body.inertia += arm.payload_kg * (at.squaredNorm() * Matrix3d::Identity() - at * at.transpose());
+    }
+    return body;
+}
+
+void make_chain(const hdt_arm &arm, hdt_tables *t)
+{
+    double later_kg = 0;
+    for (int j = arm.joints - 1; j >= 0; j--) {
+        const hdt_arm_joint &joint = arm.joint[j];
+        hdt_joint_tab &out = t->joint[j];
+        const Body body = body_of(arm, j);
+        const std::string key = "joint." + std::to_string(j + 1) + ".";
+        const std::string link = key + (j + 1 == arm.joints && arm.payload_kg > 0 ? "link with payload" : "link");
+        for (int i = 0; i < 9; i++)
+            out.rot_q30[i] = fixed(key + "rpy", joint.rot[i], 30);
+        for (int i = 0; i < 3; i++)
+            out.trans_q24[i] = fixed(key + "origin", joint.origin_m[i], 24);
+        out.mass_q20 = fixed(link + ".mass", body.mass, 20);
+        const double inertia[6] = {body.inertia(0, 0), body.inertia(0, 1), body.inertia(0, 2),
+                                   body.inertia(1, 1), body.inertia(1, 2), body.inertia(2, 2)};
+        for (int i = 0; i < 6; i++)
+            out.inertia_q20[i] = fixed(link + ".inertia", inertia[i], 20);
+        for (int i = 0; i < 3; i++) {
+            const double carried = j + 1 < arm.joints ? later_kg * arm.joint[j + 1].origin_m[i] : 0;
+            out.moment_q20[i] = fixed(link + ".com", body.moment[i], 20);
+            out.hold_moment_q20[i] = fixed(link + ".com", body.moment[i] + carried, 20);
+        }
+        later_kg += body.mass;
+        out.rotor_q20 = fixed(key + "motor.rotor_inertia (reflected)", reflected_inertia_kgm2(joint), 20, 0, HUGE_VAL);
+        const bool moves_mass = later_kg > 0 || body.moment.norm() > 0
+                                || (j + 1 < arm.joints && (t->joint[j + 1].terms >> HDT_TERM_GRAVITY & 1u));
+        if (moves_mass)
+            out.terms |= 1u << HDT_TERM_GRAVITY;
+        if (moves_mass || body.inertia.norm() > 0 || out.rotor_q20 != 0)
+            out.terms |= 1u << HDT_TERM_INERTIA;
+    }
+}
+
+// ---- friction ----
+
+double friction_span_radps(const hdt_arm_joint &joint)
+{
+    return std::max(joint.v_max_radps, TableDefaults::friction_span * joint.friction_v_max_radps);
+}
+
+// What the core makes of the knots, beyond the last one too.
+double knots_nm(const int32_t *knot, uint32_t shift, double speed_radps)
+{
+    const double place = std::ldexp(speed_radps, 24 - static_cast<int>(shift));
+    const int k = static_cast<int>(std::min(std::floor(place), double(HDT_FRICTION_KNOTS - 2)));
+    return std::ldexp(knot[k] + (double(knot[k + 1]) - knot[k]) * (place - k), -16);
+}
+
+double friction_error_nm(const hdt_arm_friction &f, const int32_t *knot, uint32_t shift, double span_radps)
+{
+    // denser towards zero, where the curve bends
+    constexpr int points = 4000;
+    double worst = 0;
+    for (int i = 0; i <= points; i++) {
+        const double v = span_radps * std::pow(double(i) / points, 2);
+        worst = std::max(worst, std::fabs(knots_nm(knot, shift, v) - stribeck_nm(f, v)));
+    }
+    return worst;
+}
+
+void make_friction(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out, double *worst_nm)
+{
+    const char *names[2] = {"friction.positive", "friction.negative"};
+    const double span = friction_span_radps(joint);
+    double best = HUGE_VAL;
+    out->terms |= 1u << HDT_TERM_FRICTION;
+    // the last slope goes on beyond the last knot, as eq. (7) does: fine knots near zero are worth
+    // more than knots up to the last speed, so every spacing is tried
+    for (uint32_t shift = 10; shift <= 24; shift++) {
+        int32_t knots[2][HDT_FRICTION_KNOTS];
+        double error = 0;
+        for (int way = 0; way < 2; way++) {
+            for (int k = 0; k < HDT_FRICTION_KNOTS; k++) {
+                const double v = std::ldexp(k, static_cast<int>(shift) - 24);
+                knots[way][k] = fixed(key + names[way], stribeck_nm(joint.friction[way], v), 16, -16383, 16383);
+            }
+            error = std::max(error, friction_error_nm(joint.friction[way], knots[way], shift, span));
+        }
+        if (error < best) {
+            best = error;
+            out->friction_shift = shift;
+            std::memcpy(out->friction_q16, knots, sizeof knots);
+        }
+        // wider knots than the span cannot be better, and might not be representable
+        if (std::ldexp(HDT_FRICTION_KNOTS - 1, static_cast<int>(shift) - 24) >= span)
+            break;
+    }
+    *worst_nm = std::max(*worst_nm, best);
+}
+
+// ---- periodic torque ----
+
+double ripple_nm(const hdt_arm_joint &joint, double turn)
+{
+    double sum = 0;
+    for (int i = 0; i < joint.ripples; i++)
+        sum += joint.ripple[i].amplitude_nm
+               * std::sin(joint.ripple[i].order_rev / joint.ratio * 2 * pi * turn + joint.ripple[i].phase_rad);
+    return sum;
+}
+
+void make_ripple(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out, double *worst_nm)
+{
+    constexpr int per_knot = HDT_COUNTS_PER_REV / HDT_RIPPLE_KNOTS;
+    for (int i = 0; i < joint.ripples; i++) {
+        const double order = joint.ripple[i].order_rev / joint.ratio;
+        const std::string at = key + "ripple." + std::to_string(i + 1) + ".wave_generator_order";
+        if (!(std::fabs(order - std::round(order)) < 1e-6))
+            refuse(at, "a whole number", order);
+        if (!(order >= 1 && order <= HDT_RIPPLE_KNOTS / 8))
+            refuse(at, "at most " + std::to_string(HDT_RIPPLE_KNOTS / 8), order);
+    }
+    for (int k = 0; k < HDT_RIPPLE_KNOTS; k++)
+        out->ripple_q8[k] = static_cast<int16_t>(fixed(key + "ripple amplitudes together",
+            ripple_nm(joint, double(k) / HDT_RIPPLE_KNOTS), 8, -32767 / 256.0, 32767 / 256.0));
+    for (int count = 0; count < HDT_COUNTS_PER_REV; count++) {
+        const int k = count / per_knot, next = (k + 1) % HDT_RIPPLE_KNOTS;
+        const double part = double(count % per_knot) / per_knot;
+        const double value = ((1 - part) * out->ripple_q8[k] + part * out->ripple_q8[next]) / 256;
+        *worst_nm = std::max(*worst_nm, std::fabs(value - ripple_nm(joint, double(count) / HDT_COUNTS_PER_REV)));
+    }
+    out->terms |= 1u << HDT_TERM_RIPPLE;
+}
+
+void make_lines(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out, double *worst_nm)
+{
+    const double counts_per_rad = joint.ratio * HDT_COUNTS_PER_REV / (2 * pi);
+    for (int i = 0; i < joint.lines; i++) {
+        const hdt_arm_line &line = joint.line[i];
+        const std::string at = key + "effect (order_line " + std::to_string(i + 1) + ")";
+        const double turns_per_count = line.order_rev / (joint.ratio * HDT_COUNTS_PER_REV);
+        if (!(turns_per_count > 0 && turns_per_count < 0.25))
+            refuse(at + ".order", "above 0 and below " + text_of(0.25 * joint.ratio * HDT_COUNTS_PER_REV),
+                   line.order_rev);
+        hdt_line_tab &tab = out->line[i];
+        tab.amplitude_q16 = fixed(at + ".amplitude", line.amplitude_nm, 16);
+        tab.directed = line.directed ? 1 : 0;
+        tab.phase0 = static_cast<uint32_t>(turn_part(line.phase_rad / (2 * pi), 32));
+        tab.phase_per_count_q24 = turn_part(turns_per_count, 56);
+        // the phase drifts by half a unit of its step a count: worst at the position limit
+        const double reach = std::max(std::fabs(joint.q_min_rad), std::fabs(joint.q_max_rad)) * counts_per_rad;
+        const double drift = std::fabs(std::ldexp(double(tab.phase_per_count_q24), -56) - turns_per_count) * reach;
+        const double phase = drift + std::ldexp(1.0, -32);
+        *worst_nm = std::max(*worst_nm, std::fabs(line.amplitude_nm) * 2 * pi * phase
+                             + std::fabs(std::ldexp(tab.amplitude_q16, -16) - line.amplitude_nm));
+        out->terms |= 1u << HDT_TERM_LINES;
+    }
+    out->lines = static_cast<uint32_t>(joint.lines);
+}
+
+// ---- the rest of a joint ----
+
+void make_stiffness(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out)
+{
+    const char *names[2] = {"stiffness.positive", "stiffness.negative"};
+    for (int way = 0; way < 2; way++) {
+        const hdt_arm_stiffness &from = joint.stiffness[way];
+        const StiffnessLines lines = stiffness_lines(from);
+        hdt_stiffness_tab &to = out->stiffness[way];
+        to.t1_q16 = fixed(key + names[way] + ".t1", from.t1_nm, 16);
+        to.t2_q16 = fixed(key + names[way] + ".t2", from.t2_nm, 16);
+        for (int i = 0; i < 3; i++) {
+            to.slope_q24[i] = fixed(key + names[way] + ".slope", from.slope[i], 24);
+            to.intercept_q16[i] = fixed(key + names[way] + ".zero", lines.intercept_nm[i], 16);
+        }
+    }
+    out->terms |= 1u << HDT_TERM_STIFFNESS;
+}
+
+void make_effects(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out)
+{
+    const auto use = [out](bool wanted, hdt_term term) { out->terms |= (wanted ? 1u : 0u) << term; };
+    out->load_mu_q24 = fixed(key + "effect (load_friction).mu", joint.load_mu, 24);
+    use(out->load_mu_q24 != 0, HDT_TERM_LOAD);
+    if (joint.warm_s > 0) {
+        out->cold_coulomb_q16 = fixed(key + "effect (temperature).coulomb", joint.cold_coulomb_nm, 16);
+        out->cold_viscous_q16 = fixed(key + "effect (temperature).viscous", joint.cold_viscous_nmspr, 16);
+        out->cold_decay_q31 = fixed(key + "effect (temperature).time_constant",
+                                    std::min(std::exp(-1 / joint.warm_s), 2147483647 / 2147483648.0), 31);
+        use(out->cold_coulomb_q16 != 0 || out->cold_viscous_q16 != 0, HDT_TERM_TEMPERATURE);
+    }
+    if (joint.presliding_rad > 0) {
+        out->presliding_q16 = fixed(key + "effect (presliding).torque", joint.presliding_nm, 16);
+        out->presliding_inv_q8 = fixed(key + "effect (presliding).travel (1 over it)", 1 / joint.presliding_rad, 8,
+                                       1 / 256.0, HUGE_VAL);
+        use(out->presliding_q16 != 0, HDT_TERM_PRESLIDING);
+    }
+    out->spring_q16 = fixed(key + "effect (cable_spring).stiffness", joint.spring_nmprad, 16);
+    out->spring_q0_q24 = fixed(key + "effect (cable_spring).rest", joint.spring_q0_rad, 24);
+    use(out->spring_q16 != 0, HDT_TERM_SPRING);
+    out->offset_q16 = fixed(key + "effect (torque_offset).torque", joint.torque_offset_nm, 16);
+    use(out->offset_q16 != 0, HDT_TERM_OFFSET);
+}
+
+void make_scaling(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out)
+{
+    // the digit factor bounds the ratio below; above, the count step must keep its precision
+    const double least = std::ldexp(1000, 24) / 2147483647.0;
+    if (!(joint.ratio * joint.torque_gain >= least))
+        refuse(key + "gear.ratio (times torque gain)", "at least " + text_of(least), joint.ratio * joint.torque_gain);
+    if (!(joint.ratio >= 2 && joint.ratio <= 10000))
+        refuse(key + "gear.ratio", "a number from 2 to 10000", joint.ratio);
+    const double turns_per_count = 1 / (joint.ratio * HDT_COUNTS_PER_REV);
+    out->sign = 1;
+    out->zero_cnt = 0;
+    out->rad_per_count_q44 = static_cast<uint32_t>(std::llround(std::ldexp(2 * pi * turns_per_count, 44)));
+    out->phase_per_count_q24 = turn_part(turns_per_count, 56);
+    out->digit_per_nm_q24 = fixed(key + "gear.ratio", 1000 / (joint.ratio * joint.torque_gain), 24);
+    out->kp_q16 = fixed(key + "feedback.kp (times ratio)", joint.ratio * joint.kp_m_nmprad, 16, 0, HUGE_VAL);
+    out->kd_q16 = fixed(key + "feedback.kd (times ratio)", joint.ratio * joint.kd_m_nmspr, 16, 0, HUGE_VAL);
+    out->terms |= (out->kp_q16 != 0 ? 1u : 0u) << HDT_TERM_P;
+    out->terms |= (out->kd_q16 != 0 ? 1u : 0u) << HDT_TERM_D;
+}
+
+void make_limits(const hdt_arm &arm, const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out)
+{
+    if (!(joint.tau_max_m_nm > 0))
+        throw Refusal(key + "motor.torque_max: expected a quantity for the tables' torque limit, found nothing");
+    // rounded down: the limit is never exceeded
+    fixed(key + "motor.torque_max (a digit is 0.001)", joint.tau_max_m_nm, 16, 0.001, 32.767);
+    out->dig_max = static_cast<int32_t>(std::floor(joint.tau_max_m_nm * 1000 + 1e-9));
+    out->dig_slew = std::min(65535, static_cast<int32_t>(
+        std::ceil(out->dig_max / (TableDefaults::slew_s * arm.control_rate_hz))));
+    // a speed word cannot say more than this, whatever the joint can do
+    out->spd_max = static_cast<int32_t>(std::min(32767.0, std::floor(joint.v_max_radps / 0.0002 + 1e-9)));
+    out->q_min_q24 = fixed(key + "limits.position", joint.q_min_rad, 24);
+    out->q_max_q24 = fixed(key + "limits.position", joint.q_max_rad, 24);
+    out->v_max_q24 = fixed(key + "limits.speed (times " + text_of(TableDefaults::speed_margin) + ")",
+                           joint.v_max_radps * TableDefaults::speed_margin, 24);
+    out->follow_max_q24 = fixed("following limit", TableDefaults::follow_rad, 24);
+    const double ramp = joint.has_friction && joint.friction_v_min_radps > 0
+        ? std::min(TableDefaults::v_ramp_radps, joint.friction_v_min_radps / 2) : TableDefaults::v_ramp_radps;
+    out->v_ramp_inv_q16 = fixed(key + "friction.valid (1 over its lower speed)", 1 / ramp, 16);
+}
+
+void make_joint(const hdt_arm &arm, int j, hdt_joint_tab *out, hdt_gen_report *report)
+{
+    const hdt_arm_joint &joint = arm.joint[j];
+    const std::string key = "joint." + std::to_string(j + 1) + ".";
+    make_scaling(joint, key, out);
+    make_limits(arm, joint, key, out);
+    if (joint.has_friction)
+        make_friction(joint, key, out, &report->friction_nm);
+    if (joint.ripples > 0)
+        make_ripple(joint, key, out, &report->ripple_nm);
+    if (joint.has_stiffness)
+        make_stiffness(joint, key, out);
+    make_lines(joint, key, out, &report->lines_nm);
+    make_effects(joint, key, out);
+}
+
+// Second-order Butterworth low-pass by the bilinear transform, corner prewarped.
+void make_biquad(const hdt_arm &arm, int32_t out[5])
+{
+    const double k = std::tan(pi * arm.velocity_cutoff_hz / arm.control_rate_hz), root2 = std::sqrt(2.0);
+    const double scale = 1 / (1 + root2 * k + k * k);
+    const double one = std::ldexp(1, 28);
+    out[0] = static_cast<int32_t>(std::llround(one * k * k * scale));
+    out[2] = out[0];
+    out[3] = static_cast<int32_t>(std::llround(one * 2 * (k * k - 1) * scale));
+    out[4] = static_cast<int32_t>(std::llround(one * (1 - root2 * k + k * k) * scale));
+    // b1 takes the rounding of the others, so that a constant speed passes exactly
+    out[1] = static_cast<int32_t>((int64_t(1) << 28) + out[3] + out[4] - out[0] - out[2]);
+}
+
+void make_head(const hdt_arm &arm, hdt_tables *t)
+{
+    t->magic = HDT_TABLES_MAGIC;
+    t->layout = HDT_TABLES_LAYOUT;
+    std::memcpy(t->digest, arm.digest, sizeof t->digest);
+    if (std::strlen(arm.name) >= sizeof t->name)
+        refuse("name", "at most " + std::to_string(sizeof t->name - 1) + " characters", double(std::strlen(arm.name)));
+    std::memcpy(t->name, arm.name, std::strlen(arm.name));
+    t->joints = static_cast<uint32_t>(arm.joints);
+    if (!(arm.control_rate_hz > 0))
+        throw Refusal("control.rate: expected a quantity for the tables, found nothing");
+    if (!(arm.control_rate_hz >= 1 && arm.control_rate_hz <= 20000))
+        refuse("control.rate", "a number from 1 to 20000", arm.control_rate_hz);
+    if (!(arm.velocity_cutoff_hz >= arm.control_rate_hz / 2000))
+        refuse("control.velocity_cutoff", "at least a 2000th of control.rate", arm.velocity_cutoff_hz);
+    t->period_ns = static_cast<uint32_t>(std::llround(1e9 / arm.control_rate_hz));
+    t->rate_q16 = static_cast<uint32_t>(std::llround(std::ldexp(arm.control_rate_hz, 16)));
+    t->stale_periods = TableDefaults::stale_periods;
+    for (int i = 0; i < 3; i++)
+        t->gravity_q24[i] = fixed("base.gravity", arm.gravity_mps2[i], 24);
+    make_biquad(arm, t->biquad_q28);
+}
+
+// Holding torque of the rounded numbers in exact arithmetic, as hdt_chain_gravity goes through them.
+Eigen::VectorXd table_gravity_nm(const hdt_tables &t, const Eigen::VectorXd &q)
+{
+    const int n = static_cast<int>(t.joints);
+    std::vector<Matrix3d> turn(static_cast<std::size_t>(n)); // previous link -> link, turned
+    std::vector<Vector3d> down(static_cast<std::size_t>(n)); // gravity in link axes
+    Vector3d g(t.gravity_q24[0], t.gravity_q24[1], t.gravity_q24[2]);
+    g *= std::ldexp(1, -24);
+    for (int j = 0; j < n; j++) {
+        const auto at = static_cast<std::size_t>(j);
+        Matrix3d rot;
+        for (int i = 0; i < 9; i++)
+            rot(i / 3, i % 3) = std::ldexp(t.joint[j].rot_q30[i], -30);
+        turn[at] = rot * Eigen::AngleAxisd(q[j], Vector3d::UnitZ()).toRotationMatrix();
+        g = turn[at].transpose() * g;
+        down[at] = g;
+    }
+    Eigen::VectorXd tau(n);
+    Vector3d held = Vector3d::Zero();
+    for (int j = n - 1; j >= 0; j--) {
+        const auto at = static_cast<std::size_t>(j);
+        if (j + 1 < n)
+            held = turn[at + 1] * held;
+        const int32_t *own = t.joint[j].hold_moment_q20;
+        held += Vector3d(own[0], own[1], own[2]) * std::ldexp(1, -20);
+        tau[j] = held[1] * down[at][0] - held[0] * down[at][1];
+    }
+    return tau;
+}
+
+double gravity_error_nm(const hdt_arm &arm, const hdt_tables &t)
+{
+    // poses spread over the limits by a fixed sequence
+    constexpr int poses = 500;
+    uint64_t state = 1;
+    double worst = 0;
+    Eigen::VectorXd q(arm.joints);
+    for (int i = 0; i < poses; i++) {
+        for (int j = 0; j < arm.joints; j++) {
+            state = state * 6364136223846793005u + 1442695040888963407u;
+            const double share = std::ldexp(static_cast<double>(state >> 11), -53);
+            q[j] = arm.joint[j].q_min_rad + share * (arm.joint[j].q_max_rad - arm.joint[j].q_min_rad);
+        }
+        worst = std::max(worst, (table_gravity_nm(t, q) - rbd::gravity(arm, q)).cwiseAbs().maxCoeff());
+    }
+    return worst;
+}
+
+void make_tables(const hdt_arm &arm, hdt_tables *t, hdt_gen_report *report)
+{
+    if (!(arm.joints >= 1 && arm.joints <= HDT_JOINTS_MAX))
+        refuse("joint", "1 to " + std::to_string(HDT_JOINTS_MAX) + " joints", arm.joints);
+    make_head(arm, t);
+    for (int j = 0; j < arm.joints; j++)
+        make_joint(arm, j, &t->joint[j], report);
+    make_chain(arm, t);
+    report->gravity_nm = gravity_error_nm(arm, *t);
+    // the core has the last word on what it takes
+    const char *where = "";
+    int joint = -1;
+    if (hdt_tables_check(t, &where, &joint) != HDT_TABLES_OK)
+        throw Refusal((joint >= 0 ? "joint." + std::to_string(joint + 1) + ": " : std::string())
+                      + "expected numbers the core takes, found " + where + " out of its range");
+}
+
+} // namespace
+} // namespace hdt
+
+int hdt_arm_tables(const struct hdt_arm *arm, struct hdt_tables *t, struct hdt_gen_report *report, char *err,
+                   size_t errlen)
+{
+    hdt_gen_report measured = {};
+    std::memset(t, 0, sizeof *t);
+    try {
+        hdt::make_tables(*arm, t, &measured);
+    } catch (const std::exception &error) {
+        std::memset(t, 0, sizeof *t);
+        if (err && errlen > 0)
+            std::snprintf(err, errlen, "%s%s%s", arm->path, arm->path[0] ? ": " : "", error.what());
+        return -1;
+    }
+    if (report)
+        *report = measured;
+    return 0;
+}
