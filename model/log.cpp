@@ -78,6 +78,13 @@ Column parse_column(std::string_view name)
     return {};
 }
 
+Series &slot(Run &run, const Column &column, const std::string &name)
+{
+    if (column.known)
+        return run.joint[column.joint].*column.known->series;
+    return name == "t_s" ? run.t_s : run.extra[name];
+}
+
 bool is_key(std::string_view key)
 {
     return !key.empty() && std::all_of(key.begin(), key.end(), [](char c) {
@@ -165,13 +172,9 @@ Layout read_header(const std::string &place, std::string_view line, Run &run)
                          shown(line) + "; is this one of our logs? foreign tables need a map");
     check_complete(place, run, seen);
     for (std::size_t c = 0; c < columns.size(); ++c) {
-        const Column &column = columns[c];
-        if (column.known)
-            layout.series.push_back(&(run.joint[column.joint].*column.known->series));
-        else if (layout.name[c] == "t_s")
-            layout.series.push_back(&run.t_s), layout.time = c;
-        else
-            layout.series.push_back(&run.extra[layout.name[c]]);
+        layout.series.push_back(&slot(run, columns[c], layout.name[c]));
+        if (layout.name[c] == "t_s")
+            layout.time = c;
     }
     return layout;
 }
@@ -255,15 +258,17 @@ std::string header_text(const std::vector<std::pair<std::string, const Series *>
     return out;
 }
 
-// What is written must be readable: the same rules, met before a byte goes out.
-void check_writable(const std::string &path,
+// The contract on a run in memory: what passes can be written and read back.
+void check_run(const std::string &path,
                     const std::vector<std::pair<std::string, const Series *>> &columns,
                     const Run &run)
 {
-    for (const auto &[key, value] : run.constants)
+    for (const auto &[key, value] : run.constants) {
         if (!is_key(key) || value.find_first_of("\r\n") != std::string::npos)
             throw InputError(path + ": constant " + shown(key) +
                              ": expected a one-word key and a value on one line");
+        check_known_constant(path, run, key);
+    }
     for (const auto &[name, series] : columns) {
         if (series->size() != run.rows() || run.rows() == 0)
             throw InputError(path + ": column " + shown(name) + ": expected " +
@@ -351,6 +356,21 @@ std::vector<double> Run::constant_vector(const std::string &key) const
     return out;
 }
 
+Series &run_column(Run &run, const std::string &name)
+{
+    const Column column = parse_column(name);
+    if (column.known)
+        run.joint.resize(std::max(run.joint.size(), column.joint + 1));
+    return slot(run, column, name);
+}
+
+void finish_run(Run &run)
+{
+    for (Joint &joint : run.joint)
+        joint.present = !joint.q_rad.empty() && !joint.tau_nm.empty();
+    check_run(run.path, named_series(run), run);
+}
+
 Run read_run(const std::string &path)
 {
     const std::string text = read_text(path);
@@ -380,7 +400,7 @@ Run read_run(const std::string &path)
 void write_run(const std::string &path, const Run &run)
 {
     const auto columns = named_series(run);
-    check_writable(path, columns, run);
+    check_run(path, columns, run);
     write_whole(path, as_text(columns, run));
 }
 

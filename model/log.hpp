@@ -39,12 +39,20 @@ Run read_run(const std::string &path);
 // Written under a temporary name, then renamed.
 void write_run(const std::string &path, const Run &run);
 
+// The series a column of this name belongs to, made if absent (unknown names in extra); throws
+// InputError for a known column in a wrong unit.  For readers of other formats; the reference
+// holds until the next call.
+std::vector<double> &run_column(Run &run, const std::string &name);
+// After the last column: sets present, throws InputError where the run breaks the contract.
+void finish_run(Run &run);
+
 // Rows with t0 <= t < t1, as a run of its own.
 Run cut_run(const Run &run, double t0_s, double t1_s);
 
-// A foreign table to our columns: MAP.toml says separator, header, time, and per target column
-//   q1_rad = { column = "Position1" | index, scale = 1.0, offset = 0.0, sign = 1 }
-// or files of one value per line to be reshaped.  Throws InputError naming what is missing.
+// A foreign table to our columns by a map (docs/formats.md, "Import map"):
+//   q1_rad = { column = "Position1" | number, scale = 1.0, offset = 0.0, sign = 1 }
+// foreign_path is the table, or for a layout of several files their directory or one of them.
+// Throws InputError naming map and key, or foreign file, line and column.
 Run convert_run(const std::string &map_path, const std::string &foreign_path);
 
 } // namespace hdt
