@@ -51,8 +51,7 @@ int drv_host_init(struct drv_host *h, const struct hdt_tables *t, const struct h
     if (h->cfg.answer_s <= 0.0)
         h->cfg.answer_s = 2.0;
     h->in.active = ref->active;
-    h->ring = ring;
-    return drv_cycle_init(&h->cycle, t, bus, NULL);
+    return drv_cycle_init(&h->cycle, t, bus, ring);
 }
 
 /* Remember where the arm stands and how long the way to the first sample takes. */
@@ -98,7 +97,6 @@ static void prepare(struct drv_host *h, uint64_t t_us)
 {
     if (h->phase == DRV_HOST_STARTING && (h->seen & h->ref.active) == h->ref.active) {
         plan_approach(h);
-        h->cycle.ring = h->ring;
         enter(h, DRV_HOST_APPROACH, t_us);
     } else if (h->phase == DRV_HOST_STARTING && phase_s(h, t_us) > h->cfg.answer_s) {
         enter(h, DRV_HOST_SILENT, t_us);

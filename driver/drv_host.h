@@ -53,14 +53,13 @@ struct drv_host {
     uint64_t t0_us, phase_us;     /* first period; start of this phase */
     unsigned sample;
     uint32_t seen;                /* bit per joint: has reported a position */
-    struct drv_ring *ring;        /* given to the cycle once the arm moves */
     int32_t from_q24[HDT_JOINTS_MAX];
     double approach_s;
     struct hdt_in in;             /* of the last period */
     struct hdt_out out;
 };
 
-/* Records go to the ring from the approach on.
+/* Every period is recorded, so that the log replays from its first record.
  * Errors: HDT_ERR_ARG, HDT_ERR_TABLES.  Context: start-up. */
 int drv_host_init(struct drv_host *h, const struct hdt_tables *t, const struct hdt_bus *bus,
                   struct drv_ring *ring, const struct drv_reference *ref, const struct drv_host_cfg *cfg);
