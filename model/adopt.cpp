@@ -1,0 +1,272 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Owns: names and units of effect numbers, writing them into the model file (see adopt.hpp).
+// Never: estimates.
+#include "model/adopt.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace hdt {
+
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+namespace {
+
+constexpr const char *kSource = "hdt-diagnose";
+constexpr double kRestMax_rad = 3.2;
+
+double sd(const MatrixXd &c, Eigen::Index k) { return std::sqrt(std::max(0.0, c(k, k))); }
+
+// Reported torque is the measured one: with gain 1/(1+c) every fitted torque shrinks by that factor.
+double gain_scale(const JointWork &w, const JointEstimate &e)
+{
+    for (std::size_t k = 0; k < w.found.size(); ++k)
+        if (w.found[k].family.id == "torque_gain")
+            return 1 / (1 + e.theta[k][0]);
+    return 1;
+}
+
+// A spring's rest shows as a difference between the directions' Coulomb friction.
+double spring_rest(const JointEstimate &e, double stiffness)
+{
+    const double rest = -0.5 * (e.friction[0] - e.friction[1]) / stiffness;
+    return std::abs(rest) < kRestMax_rad ? rest : 0;
+}
+
+// Mass and moment of the whole payload; the point it stands for.
+struct Payload { double mass, mass_sigma; Vector3d com, com_sigma; };
+
+Payload whole_payload(const hdt_arm &arm, const Found &f)
+{
+    const VectorXd &th = *f.chain_theta;
+    const MatrixXd &cov = f.chain_covariance;
+    Vector3d moment = Vector3d::Zero();
+    std::vector<int> axes = f.at.kind == 1 ? std::vector<int>{0, 1, 2} : std::vector<int>{2};
+    for (std::size_t i = 0; i < axes.size(); ++i)
+        moment[axes[i]] = th[static_cast<Eigen::Index>(i) + 1];
+    Payload p{arm.payload_kg + th[0], sd(cov, 0), Vector3d::Zero(), Vector3d::Zero()};
+    const Vector3d before = Eigen::Map<const Vector3d>(arm.payload_com_m);
+    if (std::abs(p.mass) < 1e-9)
+        return p;
+    p.com = (arm.payload_kg * before + moment) / p.mass;
+    for (std::size_t i = 0; i < axes.size(); ++i) {
+        const auto k = static_cast<Eigen::Index>(i) + 1;
+        const double c = p.com[axes[i]];
+        p.com_sigma[axes[i]] = std::sqrt(std::max(0.0, cov(k, k) + c * c * cov(0, 0) - 2 * c * cov(0, k)))
+                               / std::abs(p.mass);
+    }
+    return p;
+}
+
+std::vector<EffectParameter> line_parameters(const Found &f, const VectorXd &th, const MatrixXd &cov)
+{
+    const double a = std::max(th.norm(), 1e-12);
+    const Eigen::Vector2d along = th / a, across(-along[1], along[0]);
+    const double sigma_a = std::sqrt(std::max(0.0, along.dot(cov * along)));
+    const double sigma_p = std::sqrt(std::max(0.0, across.dot(cov * across))) / a;
+    return {{"order", "1", f.at.x, f.x_sigma},
+            {"amplitude_nm", "N m", a, sigma_a},
+            {"phase_rad", "rad", std::atan2(th[1], th[0]), sigma_p},
+            {"directed", "1", static_cast<double>(f.at.kind), 0}};
+}
+
+const char *const kGeneric[] = {"c1", "c2", "c3", "c4"};
+
+struct Writer {
+    ArmFile *file;
+    std::string joint; // "joint.2"
+
+    static Quantity quantity(const EffectParameter &p)
+    {
+        Quantity q;
+        q.value = {p.value};
+        q.unit = p.unit;
+        q.sigma = {p.sigma};
+        q.source = kSource;
+        return q;
+    }
+
+    // Index of an effect already there, 0 when absent.
+    int existing(const std::string &id) const
+    {
+        for (int i = 1; i <= file->count(joint + ".effect"); ++i)
+            if (file->get_text(joint + ".effect." + std::to_string(i) + ".id") == id)
+                return i;
+        return 0;
+    }
+
+    double old(int index, const std::string &number) const
+    {
+        return file->get(joint + ".effect." + std::to_string(index) + "." + number).value[0];
+    }
+
+    void append(const std::string &id, const std::vector<std::pair<std::string, EffectParameter>> &numbers,
+                const std::vector<std::pair<std::string, std::string>> &texts = {}) const
+    {
+        if (id != "order_line")
+            if (const int i = existing(id))
+                file->erase(joint + ".effect." + std::to_string(i));
+        std::vector<std::pair<std::string, std::string>> t = {{"id", id}};
+        t.insert(t.end(), texts.begin(), texts.end());
+        std::vector<std::pair<std::string, Quantity>> q;
+        for (const auto &[name, p] : numbers)
+            q.emplace_back(name, quantity(p));
+        file->append(joint + ".effect", t, q);
+    }
+};
+
+// One effect of a joint; false when the model has no term for it.
+bool write_effect(const Writer &out, const std::string &id, std::vector<EffectParameter> p)
+{
+    const int i = out.existing(id);
+    if (id == "torque_gain") {
+        out.append(id, {{"gain", p[0]}});
+    } else if (id == "load_friction") {
+        p[0].value += i ? out.old(i, "mu") : 0;
+        out.append(id, {{"mu", p[0]}});
+    } else if (id == "inertia") {
+        p[0].value += i ? out.old(i, "inertia") : 0;
+        out.append(id, {{"inertia", p[0]}});
+    } else if (id == "cable_spring") {
+        if (i) {
+            // two springs in parallel are one
+            const double k = out.old(i, "stiffness"), sum = k + p[0].value;
+            if (std::abs(sum) < 1e-9)
+                return false;
+            p[1].value = (k * out.old(i, "rest") + p[0].value * p[1].value) / sum;
+            p[0].value = sum;
+        }
+        out.append(id, {{"stiffness", p[0]}, {"rest", p[1]}});
+    } else if (id == "temperature" && !i) {
+        out.append(id, {{"coulomb", p[0]}, {"viscous", p[1]}, {"time_constant", p[2]}});
+    } else if (id == "presliding" && !i) {
+        out.append(id, {{"torque", p[0]}, {"travel", p[1]}});
+    } else if (id == "order_line") {
+        int lines = 0;
+        for (int k = 1; k <= out.file->count(out.joint + ".effect"); ++k)
+            lines += out.file->get_text(out.joint + ".effect." + std::to_string(k) + ".id") == id;
+        if (lines >= HDT_LINES_MAX)
+            return false;
+        out.append(id, {{"order", p[0]}, {"amplitude", p[1]}, {"phase", p[2]}},
+                   {{"directed", p[3].value > 0.5 ? "true" : "false"}});
+    } else {
+        return false;
+    }
+    return true;
+}
+
+// Friction fitted beside the effects, by direction; a joint without friction gets a plain group.
+void write_friction(const Writer &out, const hdt_arm_joint &aj, const VectorXd &change, const VectorXd &sigma)
+{
+    const char *const way[] = {"positive", "negative"};
+    for (int d = 0; d < 2; ++d) {
+        const std::string at = out.joint + ".friction." + way[d] + ".";
+        const double f0 = aj.has_friction ? aj.friction[d].f0_nm : 0, fv = aj.has_friction ? aj.friction[d].fv_nmspr : 0;
+        out.file->set(at + "f0", Writer::quantity({"f0", "N m", std::max(0.0, f0 + change[d]), sigma[d]}));
+        out.file->set(at + "fv", Writer::quantity({"fv", "N m s/rad", fv + change[2 + d], sigma[2 + d]}));
+        if (!aj.has_friction) {
+            out.file->set(at + "fs", Writer::quantity({"fs", "N m", 0, 0}));
+            out.file->set(at + "vc", Writer::quantity({"vc", "rad/s", 0.1, 0}));
+        }
+    }
+}
+
+} // namespace
+
+std::vector<EffectParameter> effect_parameters(const hdt_arm &arm, const JointWork &w, const JointEstimate &e,
+                                               std::size_t k)
+{
+    const Found &f = w.found[k];
+    const std::string &id = f.family.id;
+    if (f.chain_theta && id == "payload") {
+        const Payload p = whole_payload(arm, f);
+        // what was added to the declared payload is what the effect is
+        std::vector<EffectParameter> out = {{"mass_kg", "kg", p.mass - arm.payload_kg, p.mass_sigma}};
+        const char *const names[] = {"com_x_m", "com_y_m", "com_z_m"};
+        for (int i = 0; i < 3; ++i)
+            out.push_back({names[i], "m", p.com[i], p.com_sigma[i]});
+        return out;
+    }
+    const double scale = id == "torque_gain" ? 1 : gain_scale(w, e);
+    const VectorXd th = scale * e.theta[k];
+    const MatrixXd cov = scale * scale * e.covariance[k];
+    if (id == "torque_gain") {
+        const double old = arm.joint[w.joint].torque_gain, one = 1 + th[0];
+        return {{"gain", "1", old / one, old / (one * one) * sd(cov, 0)}};
+    }
+    if (id == "load_friction")
+        return {{"mu", "N m/N m", th[0], sd(cov, 0)}};
+    if (id == "inertia")
+        return {{"inertia_kgm2", "kg m^2", th[0], sd(cov, 0)}};
+    if (id == "cable_spring") {
+        const double offset_sigma = 0.5 * std::hypot(e.friction_sigma[0], e.friction_sigma[1]);
+        const double rest = spring_rest(e, e.theta[k][0]);
+        return {{"stiffness_nmprad", "N m/rad", th[0], sd(cov, 0)},
+                {"rest_rad", "rad", rest, std::hypot(offset_sigma / th[0], rest * sd(cov, 0) / th[0])}};
+    }
+    if (id == "temperature")
+        return {{"coulomb_nm", "N m", th[0], sd(cov, 0)},
+                {"viscous_nmspr", "N m s/rad", th[1], sd(cov, 1)},
+                {"time_constant_s", "s", f.at.x, f.x_sigma}};
+    if (id == "presliding")
+        return {{"torque_nm", "N m", th[0], sd(cov, 0)}, {"travel_rad", "rad", f.at.x, f.x_sigma}};
+    if (id == "order_line")
+        return line_parameters(f, th, cov);
+    std::vector<EffectParameter> out;
+    for (Eigen::Index i = 0; i < std::min<Eigen::Index>(th.size(), 4); ++i)
+        out.push_back({kGeneric[i], "N m per column", th[i], sd(cov, i)});
+    if (f.family.refine)
+        out.push_back({"scale", id == "stribeck_shape" ? "rad/s" : "1", f.at.x, f.x_sigma});
+    return out;
+}
+
+std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &e)
+{
+    const Writer out{file, "joint." + std::to_string(w.joint + 1)};
+    const hdt_arm arm = file->arm();
+    const double scale = gain_scale(w, e);
+    VectorXd friction = scale * e.friction;
+    std::string refused;
+    file->set_text(std::string("sources.") + kSource, "hdt diagnose, from the logs given to it");
+    for (std::size_t k = 0; k < w.found.size(); ++k) {
+        const std::string &id = w.found[k].family.id;
+        if (w.found[k].chain_theta)
+            continue;
+        const std::vector<EffectParameter> p = effect_parameters(arm, w, e, k);
+        if (!write_effect(out, id, p)) {
+            refused += (refused.empty() ? "" : ", ") + id;
+        } else if (id == "cable_spring" && p[1].value != 0) {
+            // the rest takes over the offset friction's two directions held
+            const double offset = 0.5 * (friction[0] - friction[1]);
+            friction[0] -= offset;
+            friction[1] += offset;
+        }
+    }
+    write_friction(out, arm.joint[w.joint], friction, scale * e.friction_sigma);
+    return refused.empty() ? "" : "the model file has no term for " + refused + "; it is not adopted";
+}
+
+std::string adopt_payload(ArmFile *file, const Found &payload)
+{
+    const Payload p = whole_payload(file->arm(), payload);
+    if (!(p.mass > 0))
+        return "the payload would have a mass of " + std::to_string(p.mass) + " kg; it is not adopted";
+    file->set_text(std::string("sources.") + kSource, "hdt diagnose, from the logs given to it");
+    Quantity mass, com;
+    mass.value = {p.mass};
+    mass.sigma = {p.mass_sigma};
+    mass.unit = "kg";
+    com.value = {p.com[0], p.com[1], p.com[2]};
+    com.sigma = {p.com_sigma[0], p.com_sigma[1], p.com_sigma[2]};
+    com.unit = "m";
+    mass.source = com.source = kSource;
+    file->set("payload.mass", mass);
+    file->set("payload.com", com);
+    return "";
+}
+
+} // namespace hdt

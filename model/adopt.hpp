@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// From fitted coefficients to numbers with names, and into the model file.
+//
+// Owns: what each effect's numbers are called, their units, how they combine with numbers already there.
+// Never: estimates.
+#pragma once
+
+#include <vector>
+
+#include "model/arm_file.hpp"
+#include "model/candidates.hpp"
+#include "model/diagnose.hpp"
+
+namespace hdt {
+
+// Coefficients of one joint, fitted together.
+struct JointEstimate {
+    Eigen::VectorXd friction;                    // as nuisance_columns
+    Eigen::VectorXd friction_sigma;
+    std::vector<Eigen::VectorXd> theta;          // per found effect
+    std::vector<Eigen::MatrixXd> covariance;
+};
+
+// Numbers of found effect k, as the diagnosis prints them.
+std::vector<EffectParameter> effect_parameters(const hdt_arm &arm, const JointWork &w, const JointEstimate &e,
+                                               std::size_t k);
+// All found effects of a joint, with the friction fitted beside them.  Returns what could not be
+// written, in words; empty when all was.  Chain effects are left to adopt_payload.
+std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &e);
+// Mass and first moment on top of the declared payload; words as above.
+std::string adopt_payload(ArmFile *file, const Found &payload);
+
+} // namespace hdt

@@ -1,0 +1,442 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Owns: evidence for every candidate, gates, choice (see candidates.hpp).
+// Never: reads held-out runs to choose.
+#include "model/candidates.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace hdt {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+namespace {
+
+constexpr int kArOrder = 4;
+constexpr double kWander_s = 10;
+constexpr std::size_t kSplits = 16, kPeaks = 6;
+constexpr double kHighestOrder = 600;
+constexpr double kTie_nats = 5, kTieShare = 0.95, kAdequate = 0.9;
+
+RunSet all_runs(std::size_t n) { return RunSet(n, 1); }
+
+std::vector<ScanRows> scan_rows(const std::vector<BlockRows> &runs)
+{
+    std::vector<ScanRows> out;
+    for (const BlockRows &b : runs)
+        out.push_back(b.scan());
+    return out;
+}
+
+std::vector<int> unbroken(const std::vector<Index> &block)
+{
+    std::vector<int> lags(block.size(), 0);
+    for (std::size_t i = 1; i < block.size(); ++i)
+        lags[i] = block[i] == block[i - 1] + 1 ? std::min(lags[i - 1] + 1, kArOrder) : 0;
+    return lags;
+}
+
+double contribution_rms(const Gram &g, const VectorXd &theta)
+{
+    const Projected p = project(g, all_runs(g.weighted.size()));
+    return std::sqrt(std::max(0.0, theta.dot(p.plain_a * theta)) / std::max(p.rows, 1.0));
+}
+
+// Share of the columns' information left beside the nuisances: none when nothing excites them.
+bool is_excited(const Gram &g, const Projected &p)
+{
+    VectorXd whole = VectorXd::Zero(g.columns);
+    for (const MatrixXd &w : g.weighted)
+        whole += w.diagonal().segment(g.nuisances, g.columns);
+    for (Index k = 0; k < g.columns; ++k)
+        if (p.a(k, k) > 1e-6 * whole[k] && p.a(k, k) > 1e-9)
+            return true;
+    return false;
+}
+
+} // namespace
+
+JointWork::JointWork(const hdt_arm &arm, int j, std::vector<BlockRows> fit_rows, std::vector<BlockRows> test_rows)
+    : joint(j), fit(std::move(fit_rows)), test(std::move(test_rows)), ratio_(arm.joint[j].ratio),
+      min_rms_nm_(0.002 * arm.joint[j].ratio) // two digits of motor torque
+{
+    families = effect_families(arm, j, fit);
+}
+
+VectorXd JointWork::target(const BlockRows &b) const
+{
+    VectorXd y = b.y_nm;
+    for (const Found &f : found)
+        if (f.chain_theta)
+            y -= f.columns(b) * *f.chain_theta;
+    return y;
+}
+
+MatrixXd JointWork::fixed(const BlockRows &b) const
+{
+    MatrixXd m = nuisance_columns(b);
+    for (const Found &f : found) {
+        if (f.chain_theta)
+            continue;
+        const MatrixXd x = f.columns(b);
+        m.conservativeResize(Eigen::NoChange, m.cols() + x.cols());
+        m.rightCols(x.cols()) = x;
+    }
+    return m;
+}
+
+Gram JointWork::gram(const Family &f, Point at) const
+{
+    std::vector<MatrixXd> x;
+    for (const BlockRows &b : fit)
+        x.push_back(f.columns(b, at));
+    Gram g = evidence_->gram(x);
+    if (f.roughness.size() > 0) {
+        // an axis bends by at most the residual's own size from knot to knot
+        const double scale = std::max(evidence_->rms_nm(), 1e-9);
+        g.prior += f.roughness / (scale * scale);
+    }
+    return g;
+}
+
+// Smooth things a repeatable effect could look like, so that it is not taken for noise.
+std::vector<MatrixXd> JointWork::rich_columns() const
+{
+    std::vector<MatrixXd> out;
+    for (const BlockRows &b : fit) {
+        std::vector<MatrixXd> parts;
+        Index cols = 0;
+        for (const Family &f : families) {
+            const bool smooth = !f.named() || f.id == "payload" || f.id == "inertia" || f.id == "torque_gain"
+                                || f.id == "base_tilt" || f.id == "viscous_nonlinear" || f.id == "load_friction";
+            if (!smooth)
+                continue;
+            parts.push_back(f.columns(b, f.grid.back()));
+            cols += parts.back().cols();
+        }
+        MatrixXd m(b.size(), cols);
+        Index at = 0;
+        for (const MatrixXd &p : parts) {
+            m.middleCols(at, p.cols()) = p;
+            at += p.cols();
+        }
+        out.push_back(std::move(m));
+    }
+    return out;
+}
+
+void JointWork::weigh(std::size_t index, const std::vector<RunSet> &splits)
+{
+    const Family &f = families[index];
+    Score s;
+    s.family = index;
+    std::vector<double> log_e;
+    double best = -1e300, best_any = -1e300;
+    Gram kept;
+    bool any_plausible = false;
+    for (Point at : f.grid) {
+        Gram g = gram(f, at);
+        const Projected p = project(g, all_runs(fit.size()));
+        if (!is_excited(g, p))
+            continue;
+        s.excited = true;
+        const GlsFit fitted = gls_fit(g, all_runs(fit.size()));
+        log_e.push_back(split_log_e({&g}, splits));
+        const bool ok = !f.plausible || f.plausible(fitted.theta);
+        const double value = fitted.llr - static_cast<double>(g.columns);
+        if ((ok && (!any_plausible || value > best)) || (!any_plausible && value > best_any)) {
+            (ok ? best : best_any) = value;
+            any_plausible = any_plausible || ok;
+            s.at = at;
+            s.llr = fitted.llr;
+            s.rms_nm = contribution_rms(g, fitted.theta);
+            kept = std::move(g);
+        }
+    }
+    s.plausible = any_plausible;
+    if (s.excited) {
+        s.log_e = log_mean_exp(log_e, f.grid_count);
+        s.gain = leave_one_run_out({&kept})[0];
+    } else {
+        s.note = "not excited by these runs";
+    }
+    if (s.excited && !s.plausible)
+        s.note = "estimate has the wrong sign for this effect";
+    scores[index] = std::move(s);
+}
+
+void JointWork::assess(const Gates &gates)
+{
+    if (!families.empty() && families.back().id == "order_line")
+        families.pop_back();
+    std::vector<RunRows> rows;
+    for (const BlockRows &b : fit) {
+        RunRows r;
+        r.y = target(b);
+        r.fixed = fixed(b);
+        r.lags = unbroken(b.block);
+        set_random_effects(r, b.t_s, b.dir, b.v, kWander_s);
+        rows.push_back(std::move(r));
+    }
+    NoiseModel noise = fit_noise(rows, rich_columns(), kArOrder);
+    evidence_ = std::make_unique<Evidence>(std::move(rows), std::move(noise));
+    const std::vector<ScanRows> sr = scan_rows(fit);
+    scan = scan_orders(sr, evidence_->score(), evidence_->noise(), order_grid(sr, kHighestOrder));
+    families.push_back(line_family(joint, scan_peaks(scan, kPeaks), 2 * static_cast<double>(scan.grid.count())));
+
+    const std::vector<RunSet> splits = balanced_splits(fit.size(), kSplits);
+    scores.assign(families.size(), {});
+    std::vector<double> log_e;
+    for (std::size_t k = 0; k < families.size(); ++k) {
+        weigh(k, splits);
+        log_e.push_back(scores[k].log_e);
+    }
+    const std::vector<double> p = ebh_adjusted(log_e);
+    // the floor: what the best model found, named or not, leaves on a run it was not fitted on
+    const double base = left_out_rms(evidence_->gram({}));
+    double rows_total = 0, most = 0;
+    for (std::size_t k = 0; k < families.size(); ++k) {
+        scores[k].p_adjusted = p[k];
+        rows_total = std::max(rows_total, scores[k].gain.rows);
+        if (p[k] <= gates.alpha)
+            most = std::max(most, scores[k].gain.plain_total);
+    }
+    floor_nm = std::sqrt(std::max(1e-12, base * base - most / std::max(rows_total, 1.0)));
+    gate_nm = std::max(min_rms_nm_, gates.floor_share * floor_nm);
+    for (Score &s : scores)
+        s.passes = s.excited && s.plausible && s.p_adjusted <= gates.alpha && s.rms_nm >= gate_nm
+                   && s.gain.better >= gates.min_runs && 3 * s.gain.better >= 2 * s.gain.informative
+                   && s.gain.plain_total > 0;
+    stale = false;
+}
+
+void JointWork::refine(Found *f) const
+{
+    if (!f->family.refine)
+        return;
+    const bool line = f->family.id == "order_line";
+    const auto llr = [&](double x) { return gls_fit(gram(f->family, {x, f->at.kind}), all_runs(fit.size())).llr; };
+    // orders are spaced evenly, all else by ratio
+    const double span = line ? scan.grid.step : std::log(2.0);
+    const auto at = [&](double s) { return line ? f->at.x + s : f->at.x * std::exp(s); };
+    double lo = -span, hi = span;
+    constexpr double golden = 0.6180339887498949;
+    double a = hi - golden * (hi - lo), b = lo + golden * (hi - lo), fa = llr(at(a)), fb = llr(at(b));
+    for (int i = 0; i < 24; ++i) {
+        if (fa > fb) {
+            hi = b;
+            b = a;
+            fb = fa;
+            a = hi - golden * (hi - lo);
+            fa = llr(at(a));
+        } else {
+            lo = a;
+            a = b;
+            fa = fb;
+            b = lo + golden * (hi - lo);
+            fb = llr(at(b));
+        }
+    }
+    const double x = at(0.5 * (lo + hi)), best = llr(x);
+    const double step = 0.02 * (line ? scan.grid.step : x);
+    const double curve = (llr(x + step) - 2 * best + llr(x - step)) / (step * step);
+    f->x_sigma = curve < 0 ? 1 / std::sqrt(-curve) : std::abs(line ? scan.grid.step : x);
+    f->at.x = x;
+    // a line of the gear is locked to the wave generator
+    const double locked = std::round(x / ratio_) * ratio_;
+    if (line && locked > 0 && std::abs(locked - x) < std::max(3 * f->x_sigma, 0.02 * scan.grid.step)
+        && llr(locked) > best - kTie_nats)
+        f->at.x = locked;
+}
+
+double left_out_rms(const Gram &g)
+{
+    const Index nn = g.nuisances;
+    double sum = 0, rows = 0;
+    for (std::size_t r = 0; r < g.weighted.size(); ++r) {
+        MatrixXd w = MatrixXd::Zero(nn + 1, nn + 1);
+        for (std::size_t s = 0; s < g.weighted.size(); ++s)
+            if (s != r)
+                w += g.weighted[s];
+        MatrixXd a = w.topLeftCorner(nn, nn);
+        a.diagonal().array() += 1e-9 * a.diagonal().maxCoeff() + 1e-12;
+        VectorXd coef(nn + 1);
+        coef << -a.llt().solve(w.col(nn).head(nn)), 1;
+        sum += coef.dot(g.plain[r] * coef);
+        rows += static_cast<double>(g.rows[r]);
+    }
+    return std::sqrt(std::max(0.0, sum) / std::max(rows, 1.0));
+}
+
+namespace {
+
+bool tied(double gain, double best)
+{
+    return gain >= kTieShare * best || gain >= best - kTie_nats;
+}
+
+// Two names that only together reach what an axis explains.
+std::optional<std::pair<std::size_t, std::size_t>> pair_for(const JointWork &w, double wanted)
+{
+    std::vector<const Score *> named;
+    for (const Score &s : w.scores)
+        if (w.families[s.family].named() && !w.families[s.family].chain && s.excited && s.plausible && s.llr > kTie_nats)
+            named.push_back(&s);
+    std::stable_sort(named.begin(), named.end(), [](const Score *a, const Score *b) { return a->gain.total > b->gain.total; });
+    std::optional<std::pair<std::size_t, std::size_t>> out;
+    double best = wanted;
+    for (std::size_t i = 0; i < std::min<std::size_t>(named.size(), 3); ++i) {
+        for (std::size_t k = i + 1; k < named.size(); ++k) {
+            const Score &a = *named[i], &b = *named[k];
+            std::vector<MatrixXd> x;
+            for (const BlockRows &rows : w.fit) {
+                const MatrixXd xa = w.families[a.family].columns(rows, a.at), xb = w.families[b.family].columns(rows, b.at);
+                MatrixXd both(xa.rows(), xa.cols() + xb.cols());
+                both << xa, xb;
+                x.push_back(std::move(both));
+            }
+            const Gram g = w.evidence().gram(x);
+            const double total = leave_one_run_out({&g})[0].total;
+            if (total > best && total > a.gain.total + 3 * kTie_nats && total > b.gain.total + 3 * kTie_nats) {
+                best = total;
+                out = {a.family, b.family};
+            }
+        }
+    }
+    return out;
+}
+
+} // namespace
+
+Choice choose(const JointWork &w)
+{
+    Choice c;
+    const Score *name = nullptr, *axis = nullptr;
+    for (const Score &s : w.scores) {
+        const Family &f = w.families[s.family];
+        if (!s.passes || f.chain)
+            continue;
+        const Score *&best = f.named() ? name : axis;
+        if (!best || s.gain.total > best->gain.total)
+            best = &s;
+    }
+    const double wanted = axis ? axis->gain.total : 0;
+    if (name && name->gain.total >= kAdequate * wanted) {
+        // the list is in order of preference: the first among equals is named, all are printed
+        for (const Score &s : w.scores) {
+            const Family &f = w.families[s.family];
+            if (!f.named() || !s.excited || !s.plausible || !tied(s.gain.total, name->gain.total))
+                continue;
+            if (c.families.empty() && s.passes && !f.chain)
+                c.families.push_back(s.family);
+            else
+                c.ambiguous.push_back(f.id);
+        }
+        return c;
+    }
+    if (axis) {
+        if (const auto both = pair_for(w, 0.97 * wanted)) {
+            c.families = {both->first, both->second};
+            return c;
+        }
+        c.unnamed = true;
+        c.families.push_back(axis->family);
+    }
+    return c;
+}
+
+namespace {
+
+// Gains of the best other explanation of a joint, and which names tie with the chain's.
+double rival(const JointWork &w, const std::string &id, double gain, std::vector<std::string> *ambiguous)
+{
+    double best = 0;
+    for (const Score &s : w.scores) {
+        const Family &f = w.families[s.family];
+        if (f.id == id || !s.excited)
+            continue;
+        if (s.passes)
+            best = std::max(best, s.gain.total);
+        if (f.named() && s.plausible && s.gain.total > 0 && tied(s.gain.total, gain))
+            ambiguous->push_back(f.id);
+    }
+    return best;
+}
+
+} // namespace
+
+ChainScore weigh_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const std::string &id, const Gates &gates)
+{
+    ChainScore best;
+    best.id = id;
+    std::vector<double> log_e;
+    double best_value = -1e300, grid = 1;
+    std::vector<Gram> kept;
+    const std::size_t runs = joints.empty() ? 0 : joints[0]->fit.size();
+    const std::vector<RunSet> splits = balanced_splits(runs, kSplits);
+    const auto family = [&](const JointWork &w) {
+        return std::find_if(w.families.begin(), w.families.end(), [&](const Family &f) { return f.id == id; });
+    };
+    for (const auto &w : joints)
+        if (family(*w) == w->families.end())
+            return best;
+    if (joints.empty())
+        return best;
+    for (Point at : family(*joints[0])->grid) {
+        std::vector<Gram> g;
+        std::vector<const Gram *> pointers;
+        for (const auto &w : joints)
+            g.push_back(w->gram(*family(*w), at));
+        MatrixXd a = g[0].prior;
+        VectorXd b = VectorXd::Zero(g[0].columns);
+        for (const Gram &one : g) {
+            pointers.push_back(&one);
+            const Projected p = project(one, all_runs(runs));
+            a += p.a;
+            b += p.b;
+        }
+        a.diagonal().array() += 1e-12;
+        const Eigen::LLT<MatrixXd> fac(a);
+        const VectorXd theta = fac.solve(b);
+        log_e.push_back(split_log_e(pointers, splits));
+        grid = static_cast<double>(family(*joints[0])->grid.size());
+        const double value = 0.5 * theta.dot(b) - static_cast<double>(theta.size());
+        if (value > best_value) {
+            best_value = value;
+            best.at = at;
+            best.theta = theta;
+            best.covariance = fac.solve(MatrixXd::Identity(a.rows(), a.cols()));
+            best.gain = leave_one_run_out(pointers);
+            best.rms_nm.clear();
+            for (const Gram &one : g)
+                best.rms_nm.push_back(contribution_rms(one, theta));
+        }
+    }
+    best.log_e = log_mean_exp(log_e, grid);
+    // the chain stands once more beside each joint's own list
+    best.p_adjusted = std::min(1.0, std::exp(std::min(0.0, std::log(static_cast<double>(joints[0]->families.size() + 2)) - best.log_e)));
+    double mine = 0, others = 0, plain = 0;
+    int better = 0;
+    bool large = false;
+    for (std::size_t j = 0; j < joints.size(); ++j) {
+        best.ambiguous.emplace_back();
+        const double r = rival(*joints[j], id, best.gain[j].total, &best.ambiguous.back());
+        if (best.rms_nm[j] < 0.5 * joints[j]->gate_nm) {
+            best.ambiguous.back().clear();
+            continue;
+        }
+        large = large || best.rms_nm[j] >= joints[j]->gate_nm;
+        mine += best.gain[j].total;
+        plain += best.gain[j].plain_total;
+        others += r;
+        better = std::max(better, best.gain[j].better);
+    }
+    best.passes = large && best.p_adjusted <= gates.alpha && better >= gates.min_runs && plain > 0
+                  && mine > 0 && mine >= kAdequate * others;
+    return best;
+}
+
+} // namespace hdt

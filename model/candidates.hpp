@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// All candidates for one joint, weighed against the same noise model and the same nuisances.
+//
+// Owns: the evidence for every candidate of a joint or a chain, gates, choice, refinement.
+// Never: reads held-out runs to choose; writes a model.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "model/effects.hpp"
+#include "model/evidence.hpp"
+
+namespace hdt {
+
+struct Gates {
+    double alpha = 0.05;         // false discoveries among everything named
+    double min_rms_nm = 0.1;     // smaller effects are not worth a name
+    double floor_share = 0.15;   // nor is one far below what runs scatter anyway
+    int min_runs = 3;            // informative runs the effect must help in
+};
+
+// One family against one joint's residual.
+struct Score {
+    std::size_t family = 0;
+    Point at;
+    double log_e = -1e9, p_adjusted = 1, llr = 0, rms_nm = 0;
+    RunGain gain;
+    bool excited = false, plausible = true, passes = false;
+    std::string note;
+};
+
+// An effect taken into the model: its columns are free beside the nuisances, or, for a chain effect,
+// subtracted with the chain's numbers.
+struct Found {
+    Family family;
+    Point at;
+    double x_sigma = 0;
+    std::optional<Eigen::VectorXd> chain_theta;
+    Eigen::MatrixXd chain_covariance;
+    std::vector<std::string> ambiguous;
+    double p_adjusted = 1;
+    Eigen::MatrixXd columns(const BlockRows &b) const { return family.columns(b, at); }
+};
+
+class JointWork {
+public:
+    JointWork(const hdt_arm &arm, int joint, std::vector<BlockRows> fit, std::vector<BlockRows> test);
+
+    int joint;                              // 0-based
+    std::vector<BlockRows> fit, test;
+    std::vector<Family> families;           // the scan's lines last
+    std::vector<Found> found;
+    std::vector<Score> scores;              // one per family, same order
+    OrderScan scan;
+    double floor_nm = 0, gate_nm = 0;
+    bool stale = true;                      // found has changed since the last assess
+
+    const Evidence &evidence() const { return *evidence_; }
+    // y with chain effects taken off; nuisances with found effects beside them.
+    Eigen::VectorXd target(const BlockRows &b) const;
+    Eigen::MatrixXd fixed(const BlockRows &b) const;
+    Gram gram(const Family &f, Point at) const;
+    // Fit the noise, scan orders, weigh every family.
+    void assess(const Gates &gates);
+    // Best x near found.back().at by maximum likelihood; its sigma from the curvature.
+    void refine(Found *f) const;
+
+private:
+    double ratio_, min_rms_nm_;
+    std::unique_ptr<Evidence> evidence_;
+    void weigh(std::size_t family, const std::vector<RunSet> &splits);
+    std::vector<Eigen::MatrixXd> rich_columns() const;
+};
+
+// Sum of squares of each run's residual with parameters from the other runs.
+double left_out_rms(const Gram &g);
+
+// What to take in next for one joint; empty when nothing passes.
+struct Choice {
+    std::vector<std::size_t> families;      // one, or two found only together
+    std::vector<std::string> ambiguous;
+    bool unnamed = false;                   // an axis explains more than any name
+};
+Choice choose(const JointWork &w);
+
+// A chain effect over all joints.
+struct ChainScore {
+    std::string id;
+    Point at;
+    double log_e = -1e9, p_adjusted = 1;
+    Eigen::VectorXd theta;
+    Eigen::MatrixXd covariance;
+    std::vector<RunGain> gain;              // per joint
+    std::vector<double> rms_nm;             // per joint
+    bool passes = false;
+    std::vector<std::vector<std::string>> ambiguous; // per joint
+};
+ChainScore weigh_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const std::string &id,
+                       const Gates &gates);
+
+} // namespace hdt

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What a joint model may lack: named effects and free axes, as columns of a linear regression over
+// block means.
+//
+// Owns: block signals of a joint, the list of candidates and their columns.
+// Never: estimates or decides; shares nothing with the simulator's hidden effects.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Dense>
+
+#include "model/dataset.hpp"
+#include "model/scan.hpp"
+
+namespace hdt {
+
+// Block means of one joint in one run, or in a piece of a run.
+struct BlockRows {
+    std::string run;
+    double block_s = 0.01;
+    std::vector<Eigen::Index> block;   // block number of each row
+    Eigen::VectorXd t_s, y_nm;         // y: gain * reported torque - declared terms
+    Eigen::VectorXd q, v, a, dir, travel, gravity, total; // of this joint; total: all declared terms
+    Eigen::MatrixXd q_all, a_all;      // of every joint
+    Eigen::MatrixXd body;              // d tau / d (m, mx, my, mz) of a body fixed to the flange
+    Eigen::MatrixXd own;               // d tau / d (mx, my) of this joint's link
+    Eigen::MatrixXd tilt;              // d tau / d base tilt about x and y
+    Eigen::VectorXd dgdq;              // d gravity / d own angle
+
+    Eigen::Index size() const { return y_nm.size(); }
+    ScanRows scan() const { return {q, v, dir, block_s}; }
+    BlockRows slice(Eigen::Index begin, Eigen::Index end) const;
+};
+
+// Every joint of a run (0-based), rows without a valid block left out.
+std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c);
+
+// Nuisances every candidate is tested beside: Coulomb and viscous friction, free by direction.
+// Columns: f0 positive, f0 negative, fv positive, fv negative.
+Eigen::MatrixXd nuisance_columns(const BlockRows &b);
+
+// Where on a family's scale: a time constant, a travel, an order, ... and which variant.
+struct Point { double x = 0; int kind = 0; };
+
+struct Family {
+    std::string id;                    // effect id, or "unnamed"
+    std::string axis;                  // "unnamed" only
+    std::vector<std::string> depends_on;
+    std::vector<Point> grid;
+    double grid_count = 1;             // what the grid stands for (a scan tries more than it keeps)
+    std::function<Eigen::MatrixXd(const BlockRows &, Point)> columns;
+    std::function<bool(const Eigen::VectorXd &)> plausible; // sign of the estimate; empty: any
+    bool refine = false;               // x is continuous: refined by maximum likelihood
+    bool chain = false;                // one set of numbers for all joints
+    Eigen::MatrixXd roughness;         // axes: second differences of neighbours, columns x columns
+    std::vector<double> knots;         // axes
+    bool named() const { return id != "unnamed"; }
+};
+
+// In order of preference where the data cannot tell two apart.  joint is 0-based.
+std::vector<Family> effect_families(const hdt_arm &arm, int joint, const std::vector<BlockRows> &runs);
+// Orders of the scan's strongest lines as a family.
+Family line_family(int joint, const std::vector<LineHit> &hits, double tried);
+
+} // namespace hdt
