@@ -24,7 +24,7 @@ static const double TRACK_RADPS = 1200;   /* tracking filter, natural frequency 
 static const double TRACK_DAMPING = 0.8;
 static const double LOOP_RADPS = 400;     /* velocity loop crossover against the rotor alone */
 static const double LOOP_INTEGRAL_RADPS = 120;
-static const double LIMIT_MARGIN_RAD = 0.005; /* past a position limit, until the alarm */
+static const double LIMIT_MARGIN_RAD = 0.001; /* past a position limit, until the alarm */
 
 static double rad_per_count(const struct plant_joint *j)
 {
@@ -156,11 +156,16 @@ static void supervise(struct servo *v)
         return;
     for (int i = 0; i < axes(v); i++) {
         const struct plant_joint *j = &v->model->joint[i];
-        double speed = v->s.speed_radps[i], q = angle(v, i);
-        if (v->cfg.v_trip_radps > 0 && fabs(speed) > v->cfg.v_trip_radps)
+        double q = angle(v, i);
+        uint32_t bit = 1u << i;
+        if (v->cfg.v_trip_radps > 0 && fabs(v->s.speed_radps[i]) > v->cfg.v_trip_radps)
             v->s.alarm[i] = DRV_ALARM_OVER_VELOCITY;
-        if ((q > j->q_max_rad + LIMIT_MARGIN_RAD && speed > 0) || (q < j->q_min_rad - LIMIT_MARGIN_RAD && speed < 0))
+        if (q <= j->q_max_rad + LIMIT_MARGIN_RAD && q >= j->q_min_rad - LIMIT_MARGIN_RAD) {
+            v->s.outside &= ~bit;
+        } else if (!(v->s.outside & bit)) { /* on the way out only: a host may drive back in */
+            v->s.outside |= bit;
             v->s.alarm[i] = DRV_ALARM_POSITION_LIMIT;
+        }
         tripped |= v->s.alarm[i];
     }
     if (v->s.t_s - v->s.last_command_s > v->cfg.watchdog_s) {

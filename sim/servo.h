@@ -48,6 +48,7 @@ struct servo_state {
     uint64_t ticks;
     struct drv_command command;            /* last cyclic command */
     uint8_t alarm[PLANT_JOINTS_MAX];       /* enum drv_alarm, latched */
+    uint32_t outside;                      /* bit per axis: past a position limit */
     uint8_t driver_alarm;                  /* enum drv_driver_alarm, latched */
     double integral_m_nm[PLANT_JOINTS_MAX];
     double tau_m_nm[PLANT_JOINTS_MAX];     /* what the current loops make now */
