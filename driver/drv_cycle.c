@@ -224,6 +224,8 @@ void drv_cycle_restart(struct drv_cycle *c)
         c->count.lost++;
     lose_link(c);
     c->link = DRV_LINK_STARTING;
+    /* as after init: what the core knows is old, and that is meant */
+    c->started = 0;
 }
 
 const char *drv_link_str(enum drv_link link)

@@ -56,7 +56,7 @@ struct drv_cycle {
     uint8_t want_seq;               /* of the reply awaited */
     uint8_t want_type;              /* enum drv_type of the reply awaited; 0: none */
     unsigned wait;                  /* periods until 'S' or 'E' is sent again */
-    int started;                    /* a state has arrived since drv_cycle_init          */
+    int started;                    /* a state has arrived since init or restart         */
     int in_step;                    /* a state has arrived since the link was last up    */
     int end_answered;
     struct drv_state last;          /* last good state telegram */
@@ -81,7 +81,8 @@ int drv_cycle_init(struct drv_cycle *c, const struct hdt_tables *t, const struct
  *                                       gravity better than a controller just declared wrong
  *
  * What the core is told differs from what the caller says in two cases, both in the record:
- * - until the servo's first state no joint is active, so a servo slow to start is not a stale one;
+ * - until the servo's first state after init or restart no joint is active, so a servo slow to
+ *   start is not a stale one;
  * - from a broken link until the first state after it the mode is idle.  Joints stay active, so the
  *   core's stale fault latches when that takes too long.
  * servo_alarm comes with fresh states only: an alarm seen once is latched by the core, and an old
