@@ -66,7 +66,7 @@ static inline int32_t hdt_abs(int32_t x)
 /* Sine and cosine, q30, of an angle; within 4e-9, exact at whole quarter turns. */
 void hdt_sin_cos(hdt_phase_t angle, int32_t *sin_q30, int32_t *cos_q30);
 
-/* exp(-x), q30, for x in q28, x >= 0; within 3e-7 of the true value relatively or 1e-9 absolutely. */
+/* exp(-x), q30, for x in q28, x >= 0; within 5e-7 of the value, or 1e-9 absolutely. */
 int32_t hdt_exp_neg(uint64_t x_q28);
 
 #ifdef __cplusplus

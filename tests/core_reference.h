@@ -358,12 +358,12 @@ static inline double ref_term(const struct hdt_joint_tab *j, int term, const str
 }
 
 /* Worst fixed-point error a term may have, N.m, when both sides get the same inputs: half an LSB for
- * every rounding on the way, plus what the sine (4e-9) and exponential (3e-7) allow. */
+ * every rounding on the way, plus what the sine (4e-9) and exponential (5e-7) allow. */
 static inline double ref_tolerance(const struct hdt_joint_tab *j, int term)
 {
     switch (term) {
     case HDT_TERM_LINES: return 4.1 * LSB_NM;
-    case HDT_TERM_PRESLIDING: return 1.1 * LSB_NM + 3e-7 * fabs(D(j->presliding_q16, 16));
+    case HDT_TERM_PRESLIDING: return 1.1 * LSB_NM + 5e-7 * fabs(D(j->presliding_q16, 16));
     case HDT_TERM_TEMPERATURE: return 1.6 * LSB_NM;
     case HDT_TERM_FRICTION: return 1.1 * LSB_NM;
     case HDT_TERM_STIFFNESS:

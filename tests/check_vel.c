@@ -1,0 +1,174 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Velocity estimate.
+ * Goal: the filter is the Butterworth low-pass it claims to be, exact at rest and over counter wrap.
+ * Method: a double-precision biquad beside it, sines, gaps, extremes.
+ */
+#include "ctrl/hdt_vel.h"
+#include "tests/core_reference.h"
+
+/* PA-10: 50 * 16384 counts a turn; 700 Hz */
+#define RAD_PER_COUNT (2 * REF_PI / 819200)
+static int64_t pa10_per_count(void)
+{
+    return hdt_vel_per_count_q32((uint32_t)llrint(RAD_PER_COUNT * 0x1p44), 700 << 16);
+}
+
+static void design(double cutoff_hz, double rate_hz, int32_t q28[5])
+{
+    double b[5];
+    ref_butterworth(cutoff_hz, rate_hz, b);
+    for (int i = 0; i < 5; i++)
+        q28[i] = Q(b[i], 28);
+}
+
+START_TEST(test_one_count_a_period_is_its_angle_times_the_rate)
+{
+    const int64_t per_count = pa10_per_count();
+    ck_assert_double_eq_tol(D(per_count, 32), RAD_PER_COUNT * 700, RAD_PER_COUNT * 700 * 1e-6);
+    uint64_t r = 1;
+    for (int k = 0; k < 100000; k++) {
+        const int32_t a = (int32_t)test_random(&r), step = (int32_t)test_uniform(&r, -20000, 20000);
+        const uint32_t gap = 1 + (uint32_t)(test_random(&r) % HDT_VEL_GAP_MAX);
+        const int32_t b = (int32_t)(uint32_t)((uint32_t)a + (uint32_t)step); /* wraps now and then */
+        /* the reciprocal of a gap is rounded to q24, the speed of a count to q32 */
+        const double want = step * D(per_count, 32) / gap;
+        const double got = D(hdt_vel_difference(b, a, per_count, gap), 24);
+        ck_assert_msg(fabs(got - want) <= 0x1p-25 + fabs(want) * 8e-7, "step %d gap %u: %.9g, expected %.9g",
+                      step, gap, got, want);
+    }
+}
+END_TEST
+
+START_TEST(test_counter_wrap_is_one_count)
+{
+    const int64_t per_count = pa10_per_count();
+    const int32_t one = hdt_vel_difference(1, 0, per_count, 1);
+    ck_assert_int_gt(one, 0);
+    ck_assert_int_eq(hdt_vel_difference(INT32_MIN, INT32_MAX, per_count, 1), one);
+    ck_assert_int_eq(hdt_vel_difference(INT32_MAX, INT32_MIN, per_count, 1), hdt_vel_difference(0, 1, per_count, 1));
+}
+END_TEST
+
+START_TEST(test_jump_is_clamped_never_wrapped)
+{
+    uint64_t r = 2;
+    for (int k = 0; k < 100000; k++) {
+        const int64_t per_count = (int64_t)(test_random(&r) % (((uint64_t)1 << 36) + 1));
+        const int32_t a = (int32_t)test_random(&r), b = (int32_t)test_random(&r);
+        const uint32_t gap = 1 + (uint32_t)(test_random(&r) % HDT_VEL_GAP_MAX);
+        const int32_t v = hdt_vel_difference(b, a, per_count, gap);
+        const uint32_t up = (uint32_t)b - (uint32_t)a;
+        ck_assert_int_ge(v, -INT32_MAX);
+        if (v != 0)
+            ck_assert_msg((v > 0) == (up < 0x80000000u), "%d after %d gives %d", b, a, v);
+    }
+}
+END_TEST
+
+START_TEST(test_filter_agrees_with_the_double_biquad)
+{
+    uint64_t r = 3;
+    for (int n = 0; n < 60; n++) {
+        const double rate = test_uniform(&r, 200, 2000), cutoff = rate * pow(10, test_uniform(&r, -2.3, -0.5));
+        int32_t q[5];
+        double b[5], x1 = 0, x2 = 0, y1 = 0, y2 = 0, worst = 0;
+        struct hdt_vel s = {{0, 0}, {0, 0}, 0};
+        design(cutoff, rate, q);
+        for (int i = 0; i < 5; i++)
+            b[i] = D(q[i], 28);
+        for (int k = 0; k < 3000; k++) {
+            const int32_t x_q24 = Q(test_uniform(&r, -2, 2), 24);
+            const double x = D(x_q24, 24), y = b[0] * x + b[1] * x1 + b[2] * x2 - b[3] * y1 - b[4] * y2;
+            const double got = D(hdt_vel_filter(&s, q, x_q24), 24);
+            x2 = x1; x1 = x; y2 = y1; y1 = y;
+            worst = fmax(worst, fabs(got - y));
+        }
+        /* rounding passes the poles once: a few LSB over the square root of the relative cut-off */
+        ck_assert_msg(worst < 0x1p-24 * (2 + 0.3 * rate / cutoff), "%g of %g Hz: off %g LSB", cutoff, rate, worst * 0x1p24);
+    }
+}
+END_TEST
+
+START_TEST(test_constant_speed_is_reached_exactly)
+{
+    const double cutoff[] = {1, 5, 20, 50, 200};
+    uint64_t r = 4;
+    for (int n = 0; n < 5; n++) {
+        int32_t q[5];
+        design(cutoff[n], 700, q);
+        /* gain at rest of the rounded coefficients, itself within 1e-4 of one down to 1 Hz */
+        const double gain = ((double)q[0] + q[1] + q[2]) / (0x1p28 + q[3] + q[4]);
+        ck_assert_double_eq_tol(gain, 1, 1e-4);
+        for (int k = 0; k < 20; k++) {
+            struct hdt_vel s = {{0, 0}, {0, 0}, 0};
+            const int32_t x = Q(test_uniform(&r, -2, 2), 24);
+            int32_t y = 0;
+            for (int i = 0; i < 5000; i++)
+                y = hdt_vel_filter(&s, q, x);
+            ck_assert_msg(fabs(y - x * gain) <= 1.5, "%g Hz: %d ends at %d", cutoff[n], x, y);
+        }
+    }
+}
+END_TEST
+
+START_TEST(test_cutoff_is_three_decibel)
+{
+    const double cutoff[] = {10, 35, 100};
+    for (int n = 0; n < 3; n++) {
+        int32_t q[5];
+        double power = 0;
+        struct hdt_vel s = {{0, 0}, {0, 0}, 0};
+        design(cutoff[n], 700, q);
+        for (int k = 0; k < 7000; k++) {
+            const double y = D(hdt_vel_filter(&s, q, Q(sin(2 * REF_PI * cutoff[n] * k / 700), 24)), 24);
+            if (k >= 3500)
+                power += y * y / 3500;
+        }
+        ck_assert_double_eq_tol(2 * power, 0.5, 0.002);
+    }
+}
+END_TEST
+
+START_TEST(test_full_scale_square_wave_never_wraps)
+{
+    /* a wrap would turn the output's sign against the slow input */
+    const double cutoff[] = {0.5, 20, 170, 340};
+    for (int n = 0; n < 4; n++) {
+        int32_t q[5];
+        struct hdt_vel s = {{0, 0}, {0, 0}, 0};
+        design(cutoff[n], 700, q);
+        for (int half = 0; half < 6; half++) {
+            const int32_t x = half & 1 ? -INT32_MAX : INT32_MAX;
+            int32_t y = 0;
+            for (int k = 0; k < 3000; k++) {
+                const int32_t before = y;
+                y = hdt_vel_filter(&s, q, x);
+                if (k > 0) {
+                    const double step = fabs((double)y - before), most = 0x1p32 * fmin(1, 6 * cutoff[n] / 700 + 0.01);
+                    ck_assert_msg(step <= most, "%g Hz: jumps from %d to %d", cutoff[n], before, y);
+                }
+            }
+            ck_assert_double_eq_tol(D(y, 24), D(x, 24), 0.1);
+        }
+    }
+}
+END_TEST
+
+static Suite *vel_suite(void)
+{
+    Suite *s = suite_create("vel");
+    TCase *d = tcase_create("difference"), *f = tcase_create("filter");
+    tcase_add_test(d, test_one_count_a_period_is_its_angle_times_the_rate);
+    tcase_add_test(d, test_counter_wrap_is_one_count);
+    tcase_add_test(d, test_jump_is_clamped_never_wrapped);
+    tcase_add_test(f, test_filter_agrees_with_the_double_biquad);
+    tcase_add_test(f, test_constant_speed_is_reached_exactly);
+    tcase_add_test(f, test_cutoff_is_three_decibel);
+    tcase_add_test(f, test_full_scale_square_wave_never_wraps);
+    suite_add_tcase(s, d);
+    suite_add_tcase(s, f);
+    return s;
+}
+
+HDT_CHECK_MAIN(vel_suite())
