@@ -315,7 +315,8 @@ private:
 
 Reference empty_reference(const hdt_arm &arm, const Spec &spec, double rate_hz, double seconds)
 {
-    const double samples = std::ceil(seconds * rate_hz) + 1;
+    // a rounding error is no reason for one more sample
+    const double samples = std::ceil(seconds * rate_hz - 1e-6) + 1;
     if (!(samples <= samples_max))
         fail(spec.whole(), text("%.0f s at %g Hz is too long: at most %.0f samples", seconds, rate_hz, samples_max));
     Reference r;
@@ -551,19 +552,19 @@ Reference lemniscate(const hdt_arm &arm, Spec &spec, double rate_hz)
         fail(spec.whole(), text("needs six joints, or seven with joint 3 locked; the arm has %g", arm.joints));
     // paper section V-A: joint 3 is locked
     const uint32_t free = arm.joints == 7 ? 0x7bu : 0x3fu;
-    std::string why = "the arm does not reach the start of eq. (14), (0.6, 0.2, 0.1) m with the tool along x";
+    std::string why;
     for (const VectorXd &q : all_solutions(arm, lemniscate_rot(), lemniscate_m(0), free)) {
         try {
             return follow_path(arm, spec, rate_hz, q, free, laps);
         } catch (const InputError &e) {
-            why = e.what();
-            if (why.find("too long") != std::string::npos)
-                throw;
-            const std::size_t cut = why.find("': "), tail = why.find("; tasks are");
-            why = why.substr(cut + 3, tail - cut - 3);
+            // another way round may do; if none does, the best one's trouble is the one to tell
+            if (why.empty())
+                why = e.what();
         }
     }
-    fail(spec.whole(), why);
+    if (!why.empty())
+        throw InputError(why);
+    fail(spec.whole(), "the arm does not reach the start of eq. (14), (0.6, 0.2, 0.1) m with the tool along x");
 }
 
 // ---- joint-space tasks ----
@@ -720,7 +721,7 @@ VectorXd heaviest_pose(const hdt_arm &arm, int j, const Clearance &clearance)
         for (int round = 0; round < 6; ++round)
             for (Eigen::Index k = 0; k < q.size(); ++k) {
                 const Range r = share_of_range(joint_of(arm, k), 0.97);
-                for (int part = -18; part <= 18; ++part) {
+                for (int part = -36; part <= 36; ++part) {
                     VectorXd next = q;
                     next[k] = std::clamp(part * pi / 36, r.lo, r.hi);
                     const double there = load(next);
