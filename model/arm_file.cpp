@@ -23,7 +23,12 @@ namespace arm {
 
 void Document::fail_at(int line, const std::string &key, const std::string &what) const
 {
-    throw InputError(path + (line > 0 ? ":" + std::to_string(line) : "") + ": " + key + ": " + what);
+    std::string message = path + (line > 0 ? ":" + std::to_string(line) : "") + ": " + key + ": " + what;
+    // bytes of a foreign file must not move a terminal's cursor
+    for (char &c : message)
+        if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f)
+            c = '?';
+    throw InputError(message);
 }
 
 void Document::fail(const std::string &key, const std::string &what) const

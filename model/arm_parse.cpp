@@ -10,7 +10,7 @@
 #include <cmath>
 #include <sstream>
 
-#include <toml++/toml.h>
+#include "model/toml_parser.hpp"
 
 namespace hdt::arm {
 
@@ -80,7 +80,7 @@ struct Parser {
     {
         const auto *value = node.as_string();
         if (!value)
-            d.fail_at(line_of(node), key, "expected " + field + " a text, found " + describe(node));
+            d.fail_at(line_of(node), key, "expected " + field + "a text, found " + describe(node));
         return value->get();
     }
 
@@ -99,13 +99,13 @@ struct Parser {
             else if (field_name == "sigma")
                 numbers(field, key, "sigma", spec.count, &q.sigma);
             else if (field_name == "unit")
-                q.unit = text(field, key, "unit");
+                q.unit = text(field, key, "unit ");
             else if (field_name == "source")
-                q.source = text(field, key, "source");
+                q.source = text(field, key, "source ");
             else if (field_name == "side")
-                q.side = text(field, key, "side");
+                q.side = text(field, key, "side ");
             else if (field_name == "confidence")
-                q.confidence = text(field, key, "confidence");
+                q.confidence = text(field, key, "confidence ");
             else
                 unknown_field(field, key, field_name, known);
         }
@@ -212,6 +212,37 @@ struct Parser {
     }
 };
 
+// Lines up to and with the given one.
+std::string_view first_lines(const std::string &text, std::size_t lines)
+{
+    std::size_t end = 0;
+    for (; lines > 0 && end < text.size(); lines--)
+        end = std::min(text.find('\n', end), text.size() - 1) + 1;
+    return std::string_view(text).substr(0, end);
+}
+
+bool parser_gives_up(std::string_view text)
+{
+    try {
+        static_cast<void>(toml::parse(text));
+    } catch (const TomlAssert &) {
+        return true;
+    } catch (const toml::parse_error &) {
+    }
+    return false;
+}
+
+// The parser reads on and on, so every beginning with the bad line in it fails, and none without.
+int line_of_giving_up(const std::string &text)
+{
+    std::size_t good = 0, bad = static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n')) + 1;
+    while (bad - good > 1) {
+        const std::size_t middle = good + (bad - good) / 2;
+        (parser_gives_up(first_lines(text, middle)) ? bad : good) = middle;
+    }
+    return static_cast<int>(bad);
+}
+
 } // namespace
 
 Document parse_document(const std::string &text, const std::string &path)
@@ -222,9 +253,11 @@ Document parse_document(const std::string &text, const std::string &path)
     try {
         root = toml::parse(std::string_view(text), std::string_view(path));
     } catch (const toml::parse_error &error) {
-        std::string what(error.description());
-        std::replace(what.begin(), what.end(), '\n', ' ');
-        parser.d.fail_at(static_cast<int>(error.source().begin.line), "TOML", "expected valid TOML, found: " + what);
+        parser.d.fail_at(static_cast<int>(error.source().begin.line), "TOML",
+                         "expected valid TOML, found: " + std::string(error.description()));
+    } catch (const TomlAssert &error) {
+        parser.d.fail_at(line_of_giving_up(text), "TOML",
+                         std::string("expected valid TOML, found: ") + error.what());
     }
     // the format before anything else: a foreign file should say that it is one
     const auto *format = root["format"].as_string();
