@@ -1,0 +1,367 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Table image and acceptance check.
+ * Goal: an image survives the round trip byte for byte, a damaged one is refused with the right
+ * reason, and the check names what is wrong at the exact boundary.  Method: random arms, every
+ * truncation, every flipped bit, random bytes, repaired checksums, one member at a time.
+ */
+#include "tests/core_reference.h"
+
+static struct hdt_tables arm, back;
+static uint8_t image[HDT_JOINTS_MAX * 8192], other[HDT_JOINTS_MAX * 8192];
+
+/* CRC-32 by table, not by bits as the core does it. */
+static uint32_t crc_by_table(const uint8_t *data, size_t size)
+{
+    uint32_t table[256], crc = ~0u;
+    for (uint32_t i = 0; i < 256; i++) {
+        table[i] = i;
+        for (int k = 0; k < 8; k++)
+            table[i] = table[i] & 1 ? table[i] >> 1 ^ 0xedb88320u : table[i] >> 1;
+    }
+    for (size_t i = 0; i < size; i++)
+        crc = crc >> 8 ^ table[(crc ^ data[i]) & 255];
+    return ~crc;
+}
+
+static void put32(uint8_t *at, uint32_t x)
+{
+    for (int i = 0; i < 4; i++)
+        at[i] = (uint8_t)(x >> 8 * i);
+}
+
+static uint32_t get32(const uint8_t *at)
+{
+    return at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
+}
+
+static void repair(size_t size)
+{
+    put32(image + size - 4, crc_by_table(image, size - 4));
+}
+
+/* Refused, and nothing of it left behind. */
+static void assert_refused(size_t size, int err)
+{
+    static const struct hdt_tables zero;
+    memset(&back, 0xa5, sizeof back);
+    ck_assert_int_eq(hdt_tables_read(image, size, &back), err);
+    ck_assert(memcmp(&back, &zero, sizeof zero) == 0);
+}
+
+START_TEST(test_image_round_trip_is_exact)
+{
+    uint64_t r = 1;
+    for (uint32_t joints = 1; joints <= HDT_JOINTS_MAX; joints++) {
+        ref_random_arm(&r, joints, &arm);
+        const size_t size = hdt_tables_write(&arm, image, sizeof image);
+        ck_assert_uint_eq(size, hdt_tables_size(joints));
+        memset(&back, 0xa5, sizeof back);
+        ck_assert_int_eq(hdt_tables_read(image, size, &back), HDT_TABLES_OK);
+        ck_assert(memcmp(&arm, &back, sizeof arm) == 0);
+        ck_assert_uint_eq(hdt_tables_write(&back, other, sizeof other), size);
+        ck_assert(memcmp(image, other, size) == 0);
+    }
+}
+END_TEST
+
+START_TEST(test_bytes_are_where_the_format_says)
+{
+    uint64_t r = 2;
+    ref_random_arm(&r, 2, &arm);
+    const size_t size = hdt_tables_write(&arm, image, sizeof image);
+    ck_assert(memcmp(image, "HDTM", 4) == 0);
+    ck_assert_uint_eq(get32(image + 4), HDT_TABLES_LAYOUT);
+    ck_assert(memcmp(image + 8, arm.digest, 32) == 0);
+    ck_assert_str_eq((const char *)image + 40, "random");
+    ck_assert_uint_eq(get32(image + 72), 2);
+    ck_assert_uint_eq(get32(image + 76), arm.period_ns);
+    ck_assert_uint_eq(get32(image + 80), arm.rate_q16);
+    ck_assert_uint_eq(get32(image + 120), arm.joint[0].terms);
+    ck_assert_uint_eq(get32(image + 124), (uint32_t)arm.joint[0].sign);
+    ck_assert_uint_eq(get32(image + 132), arm.joint[0].rad_per_count_q44);
+    ck_assert_uint_eq(get32(image + 136), (uint32_t)arm.joint[0].phase_per_count_q24);
+    ck_assert_uint_eq(get32(image + 140), (uint32_t)(arm.joint[0].phase_per_count_q24 >> 32));
+    ck_assert_uint_eq(get32(image + size - 8), (uint32_t)arm.joint[1].follow_max_q24);
+    ck_assert_uint_eq(get32(image + size - 4), crc_by_table(image, size - 4));
+    ck_assert_uint_eq(crc_by_table((const uint8_t *)"123456789", 9), 0xcbf43926u);
+}
+END_TEST
+
+START_TEST(test_writer_refuses_a_small_buffer)
+{
+    uint64_t r = 3;
+    ref_random_arm(&r, 3, &arm);
+    const size_t size = hdt_tables_size(3);
+    memset(image, 0x5a, sizeof image);
+    ck_assert_uint_eq(hdt_tables_write(&arm, image, size - 1), 0);
+    ck_assert_uint_eq(image[0], 0x5a);
+    ck_assert_uint_eq(hdt_tables_write(&arm, image, size), size);
+    ck_assert_uint_eq(image[size], 0x5a);
+    arm.joints = HDT_JOINTS_MAX + 1;
+    ck_assert_uint_eq(hdt_tables_write(&arm, image, sizeof image), 0);
+    arm.joints = 0;
+    ck_assert_uint_eq(hdt_tables_write(&arm, image, sizeof image), 0);
+}
+END_TEST
+
+START_TEST(test_every_wrong_length_is_short)
+{
+    uint64_t r = 4;
+    ref_random_arm(&r, 2, &arm);
+    const size_t size = hdt_tables_write(&arm, image, sizeof image);
+    for (size_t n = 0; n < size; n += n < 200 || n > size - 200 ? 1 : 97)
+        assert_refused(n, HDT_TABLES_SHORT);
+    assert_refused(size + 1, HDT_TABLES_SHORT);
+    put32(image + 72, 3);
+    assert_refused(size, HDT_TABLES_SHORT);
+    put32(image + 72, 0);
+    assert_refused(size, HDT_TABLES_SHORT);
+    put32(image + 72, 0xffffffffu);
+    assert_refused(size, HDT_TABLES_SHORT);
+}
+END_TEST
+
+START_TEST(test_every_flipped_bit_is_noticed)
+{
+    uint64_t r = 5;
+    ref_random_arm(&r, 1, &arm);
+    const size_t size = hdt_tables_write(&arm, image, sizeof image);
+    for (size_t n = 0; n < size; n++) {
+        image[n] ^= (uint8_t)(1u << (n % 8));
+        const int err = hdt_tables_read(image, size, &back);
+        if (n < 4)
+            ck_assert_int_eq(err, HDT_TABLES_NOT_OURS);
+        else if (n < 8)
+            ck_assert_int_eq(err, HDT_TABLES_VERSION);
+        else if (n >= 72 && n < 76)
+            ck_assert_int_eq(err, HDT_TABLES_SHORT);
+        else
+            ck_assert_int_eq(err, HDT_TABLES_CRC);
+        image[n] ^= (uint8_t)(1u << (n % 8));
+    }
+    ck_assert_int_eq(hdt_tables_read(image, size, &back), HDT_TABLES_OK);
+}
+END_TEST
+
+START_TEST(test_other_layout_is_recognised_and_told)
+{
+    uint64_t r = 6;
+    ref_random_arm(&r, 1, &arm);
+    const size_t size = hdt_tables_write(&arm, image, sizeof image);
+    put32(image + 4, HDT_TABLES_LAYOUT + 1);
+    ck_assert_int_eq(hdt_tables_read(image, size, &back), HDT_TABLES_VERSION);
+    ck_assert_uint_eq(back.layout, HDT_TABLES_LAYOUT + 1);
+    /* even if the newer image has another length */
+    ck_assert_int_eq(hdt_tables_read(image, 12, &back), HDT_TABLES_VERSION);
+}
+END_TEST
+
+START_TEST(test_any_bytes_are_read_or_refused)
+{
+    uint64_t r = 7 + (uint64_t)_i;
+    int accepted = 0, ranged = 0;
+    ref_random_arm(&r, 1, &arm);
+    const size_t size = hdt_tables_write(&arm, other, sizeof other);
+    for (int n = 0; n < 3000; n++) {
+        size_t use = size;
+        memcpy(image, other, size);
+        if (n % 3 == 0) {
+            use = (size_t)(test_random(&r) % 600);
+            for (size_t i = n & 1 ? 8 : 0; i < use; i++)
+                image[i] = (uint8_t)test_random(&r);
+        } else {
+            /* one to four members changed, checksum right */
+            for (uint64_t k = 1 + test_random(&r) % 4; k > 0; k--)
+                image[8 + test_random(&r) % (size - 12)] = (uint8_t)test_random(&r);
+            repair(size);
+        }
+        const int err = hdt_tables_read(image, use, &back);
+        ck_assert_int_le(err, 0);
+        accepted += err == HDT_TABLES_OK;
+        if (err == HDT_TABLES_RANGE) {
+            const char *where = NULL;
+            int joint = -2;
+            ranged++;
+            ck_assert_int_eq(hdt_tables_check(&back, &where, &joint), HDT_TABLES_RANGE);
+            ck_assert(where != NULL && joint >= -1 && joint < 1);
+        }
+    }
+    ck_assert_int_gt(accepted, 50);
+    ck_assert_int_gt(ranged, 50);
+}
+END_TEST
+
+/* int32 (or uint32) members with the last value accepted on each side; next is refused */
+struct edge { const char *name; size_t at; int64_t lo, hi; };
+#define HEAD(m, k, lo, hi) {#m, offsetof(struct hdt_tables, m) + 4 * (k), lo, hi}
+#define JOINT(m, k, lo, hi) {#m, offsetof(struct hdt_joint_tab, m) + 4 * (k), lo, hi}
+static const struct edge head_edges[] = {
+    HEAD(joints, 0, 1, 16), HEAD(stale_periods, 0, 1, 1000000),
+    HEAD(gravity_q24, 2, -(1 << 30), 1 << 30),
+};
+static const struct edge joint_edges[] = {
+    JOINT(terms, 0, 0, (1 << HDT_TERMS) - 1),
+    JOINT(zero_cnt, 0, -INT32_MAX, INT32_MAX),
+    JOINT(trans_q24, 2, -INT32_MAX, INT32_MAX),
+    JOINT(mass_q20, 0, 0, INT32_MAX),
+    JOINT(moment_q20, 1, -INT32_MAX, INT32_MAX),
+    JOINT(inertia_q20, 5, -(1 << 29), 1 << 29),
+    JOINT(rotor_q20, 0, 0, INT32_MAX),
+    JOINT(v_ramp_inv_q16, 0, 1, INT32_MAX),
+    JOINT(friction_shift, 0, 1, 23),
+    JOINT(friction_q16[1], 128, -(1 << 30), 1 << 30),
+    JOINT(stiffness[1], 7, -INT32_MAX, INT32_MAX),
+    JOINT(lines, 0, 0, 4),
+    JOINT(load_mu_q24, 0, 0, INT32_MAX),
+    JOINT(cold_coulomb_q16, 0, -INT32_MAX, INT32_MAX),
+    JOINT(cold_viscous_q16, 0, -INT32_MAX, INT32_MAX),
+    JOINT(cold_decay_q31, 0, 0, INT32_MAX),
+    JOINT(presliding_q16, 0, -INT32_MAX, INT32_MAX),
+    JOINT(presliding_inv_q8, 0, 0, INT32_MAX),
+    JOINT(spring_q16, 0, -INT32_MAX, INT32_MAX),
+    JOINT(spring_q0_q24, 0, -INT32_MAX, INT32_MAX),
+    JOINT(offset_q16, 0, -INT32_MAX, INT32_MAX),
+    JOINT(kp_q16, 0, 0, INT32_MAX),
+    JOINT(kd_q16, 0, 0, INT32_MAX),
+    JOINT(digit_per_nm_q24, 0, 1, INT32_MAX),
+    JOINT(dig_max, 0, 1, 32767),
+    JOINT(dig_slew, 0, 1, 65535),
+    JOINT(spd_max, 0, 0, 32767),
+    JOINT(v_max_q24, 0, 1, INT32_MAX),
+    JOINT(follow_max_q24, 0, 0, INT32_MAX),
+};
+
+static void assert_edge(const struct edge *e, void *owner, int in_joint)
+{
+    const int64_t value[] = {e->lo, e->hi, e->lo - 1, e->hi + 1};
+    uint32_t *at = (uint32_t *)(void *)((char *)owner + e->at), before = *at;
+    for (int k = 0; k < 4; k++) {
+        const char *where = "";
+        int joint = -2;
+        *at = (uint32_t)value[k];
+        const int err = hdt_tables_check(&arm, &where, &joint);
+        if (k < 2) {
+            ck_assert_msg(err == HDT_TABLES_OK, "%s = %lld refused for %s", e->name, (long long)value[k], where);
+        } else {
+            ck_assert_msg(err == HDT_TABLES_RANGE, "%s = %lld accepted", e->name, (long long)value[k]);
+            ck_assert_int_eq(joint, in_joint);
+            ck_assert_msg(strncmp(where, e->name, strlen(where)) == 0, "%s named %s", e->name, where);
+        }
+    }
+    *at = before;
+}
+
+START_TEST(test_check_draws_every_line_where_it_says)
+{
+    uint64_t r = 8;
+    ref_random_arm(&r, 16, &arm);
+    for (size_t k = 0; k < sizeof head_edges / sizeof head_edges[0]; k++)
+        assert_edge(&head_edges[k], &arm, -1);
+    for (size_t k = 0; k < sizeof joint_edges / sizeof joint_edges[0]; k++)
+        assert_edge(&joint_edges[k], &arm.joint[1], 1);
+}
+END_TEST
+
+static void assert_wrong(const char *name, int at, int err)
+{
+    const char *where = "nothing";
+    int joint = -2;
+    ck_assert_msg(hdt_tables_check(&arm, &where, &joint) == err, "%s not noticed", name);
+    ck_assert_str_eq(where, name);
+    ck_assert_int_eq(joint, at);
+}
+
+START_TEST(test_check_names_what_does_not_fit_together)
+{
+    uint64_t r = 9;
+    struct hdt_joint_tab *j = &arm.joint[2];
+#define TRY(change, name, at) \
+    do { ref_random_arm(&r, 4, &arm); ck_assert_int_eq(hdt_tables_check(&arm, NULL, NULL), 0); \
+         change; assert_wrong(name, at, HDT_TABLES_RANGE); } while (0)
+    TRY(arm.rate_q16 += arm.rate_q16 / 9000, "rate_q16", -1);
+    TRY(arm.rate_q16 -= arm.rate_q16 / 9000, "rate_q16", -1);
+    TRY(memset(arm.name, 'x', sizeof arm.name), "name", -1);
+    TRY(arm.biquad_q28[0] += 6, "biquad_q28", -1);
+    TRY(arm.biquad_q28[0] -= 6, "biquad_q28", -1);
+    /* gain at rest right, but a pole on the unit circle, or an input weight below zero */
+    TRY((arm.biquad_q28[0] = arm.biquad_q28[1] = arm.biquad_q28[2] = 0,
+         arm.biquad_q28[3] = -(1 << 28) - arm.biquad_q28[4]), "biquad_q28", -1);
+    TRY((arm.biquad_q28[0] = 1 << 29, arm.biquad_q28[1] = arm.biquad_q28[2] = 0,
+         arm.biquad_q28[3] = 0, arm.biquad_q28[4] = 1 << 28), "biquad_q28", -1);
+    TRY((arm.biquad_q28[0] = 0, arm.biquad_q28[1] = arm.biquad_q28[2] = 0,
+         arm.biquad_q28[3] = 0, arm.biquad_q28[4] = -(1 << 28)), "biquad_q28", -1);
+    for (int k = 0; k < 3; k++)
+        TRY((arm.biquad_q28[(k + 1) % 3] += arm.biquad_q28[k] + 1, arm.biquad_q28[k] = -1), "biquad_q28", -1);
+    TRY(j->sign = 0, "sign", 2);
+    TRY(j->rad_per_count_q44 = 0, "rad_per_count_q44", 2);
+    TRY(j->phase_per_count_q24 += j->phase_per_count_q24 / 20000, "phase_per_count_q24", 2);
+    TRY(j->phase_per_count_q24 -= j->phase_per_count_q24 / 20000, "phase_per_count_q24", 2);
+    TRY(j->phase_per_count_q24 = (uint64_t)1 << 63, "phase_per_count_q24", 2);
+    TRY(j->rot_q30[4] += 1 << 12, "rot_q30", 2);
+    TRY(j->rot_q30[4] = -j->rot_q30[4], "rot_q30", 2);
+    TRY((j->stiffness[0].t1_q16 = 5, j->stiffness[0].t2_q16 = 4), "stiffness", 2);
+    TRY((j->stiffness[1].t1_q16 = 5, j->stiffness[1].t2_q16 = 4), "stiffness", 2);
+    TRY((j->lines = 4, j->line[3].directed = 2), "directed", 2);
+    TRY((j->lines = 4, j->line[3].amplitude_q16 = INT32_MIN), "amplitude_q16", 2);
+    TRY((j->lines = 4, j->line[3].phase_per_count_q24 = (uint64_t)1 << 56), "line.phase_per_count_q24", 2);
+    TRY(j->q_max_q24 = j->q_min_q24, "q_min_q24", 2);
+    TRY(j->hold_moment_q20[0] = 1 << 30, "hold_moment_q20", 2);
+    ref_random_arm(&r, 4, &arm);
+    arm.magic ^= 1;
+    assert_wrong("magic", -1, HDT_TABLES_NOT_OURS);
+    ref_random_arm(&r, 4, &arm);
+    arm.layout++;
+    assert_wrong("layout", -1, HDT_TABLES_VERSION);
+}
+END_TEST
+
+START_TEST(test_mirrored_axes_are_no_rotation)
+{
+    /* a reflection passes every length and angle test; only its handedness is wrong */
+    uint64_t r = 10;
+    for (int n = 0; n < 500; n++) {
+        ref_random_arm(&r, 1, &arm);
+        ck_assert_int_eq(hdt_tables_check(&arm, NULL, NULL), HDT_TABLES_OK);
+        const int column = n % 3;
+        for (int i = 0; i < 3; i++)
+            arm.joint[0].rot_q30[3 * i + column] = -arm.joint[0].rot_q30[3 * i + column];
+        assert_wrong("rot_q30", 0, HDT_TABLES_RANGE);
+    }
+}
+END_TEST
+
+START_TEST(test_every_error_has_its_words)
+{
+    const char *seen[7];
+    for (int e = 0; e >= -6; e--) {
+        seen[-e] = hdt_tables_strerror(e);
+        ck_assert_ptr_nonnull(seen[-e]);
+        for (int k = 0; k < -e; k++)
+            ck_assert_str_ne(seen[-e], seen[k]);
+    }
+}
+END_TEST
+
+static Suite *tables_suite(void)
+{
+    Suite *s = suite_create("tables");
+    TCase *i = tcase_create("image"), *c = tcase_create("check");
+    tcase_set_timeout(i, 60);
+    tcase_add_test(i, test_image_round_trip_is_exact);
+    tcase_add_test(i, test_bytes_are_where_the_format_says);
+    tcase_add_test(i, test_writer_refuses_a_small_buffer);
+    tcase_add_test(i, test_every_wrong_length_is_short);
+    tcase_add_test(i, test_every_flipped_bit_is_noticed);
+    tcase_add_test(i, test_other_layout_is_recognised_and_told);
+    tcase_add_loop_test(i, test_any_bytes_are_read_or_refused, 0, 4);
+    tcase_add_test(c, test_check_draws_every_line_where_it_says);
+    tcase_add_test(c, test_check_names_what_does_not_fit_together);
+    tcase_add_test(c, test_mirrored_axes_are_no_rotation);
+    tcase_add_test(c, test_every_error_has_its_words);
+    suite_add_tcase(s, i);
+    suite_add_tcase(s, c);
+    return s;
+}
+
+HDT_CHECK_MAIN(tables_suite())
