@@ -12,7 +12,8 @@
 
 #define RIG_RATIO 50
 
-/* Seven joints, ratio 50, feedback 100 N.m/rad and a constant 1 N.m; 700 Hz; no velocity filter. */
+/* Seven joints, ratio 50, feedback 100 N.m/rad and a constant 1 N.m; 700 Hz; no velocity filter.
+ * One set, made anew by every call. */
 static inline struct hdt_tables *rig_tables(void)
 {
     static struct hdt_tables t;

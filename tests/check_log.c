@@ -1,0 +1,786 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Logs: the CSV read back by a parser of the test's own, the event log read by liblcm and by code
+ * from lcm-gen, files that are cut or damaged at every byte, disks that are full.
+ */
+#include <errno.h>
+#include <lcm/lcm.h>
+#include <math.h>
+#include <signal.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "driver/drv_lcm.h"
+#include "tests/check_main.h"
+#include "tests/driver_rig.h"
+
+static char dir[64], csv[80], lcm[80], part[90];
+
+static void in_own_directory(void)
+{
+    strcpy(dir, "/tmp/hdt_log_XXXXXX");
+    ck_assert_ptr_nonnull(mkdtemp(dir));
+    snprintf(csv, sizeof csv, "%s/run.csv", dir);
+    snprintf(lcm, sizeof lcm, "%s/run.lcm", dir);
+}
+
+static void leave_directory(void)
+{
+    unlink(csv);
+    unlink(lcm);
+    ck_assert_int_eq(rmdir(dir), 0); /* no .part, nothing else is left behind */
+}
+
+static const char *part_of(const char *path)
+{
+    snprintf(part, sizeof part, "%s.part", path);
+    return part;
+}
+
+static int exists(const char *path)
+{
+    struct stat st;
+    return lstat(path, &st) == 0;
+}
+
+static int32_t random_s32(uint64_t *rng)
+{
+    uint64_t r = test_random(rng);
+    return r % 5 == 0 ? (r & 8 ? INT32_MAX : INT32_MIN) : (int32_t)(r >> 32);
+}
+
+static uint32_t random_u32(uint64_t *rng)
+{
+    return (uint32_t)random_s32(rng);
+}
+
+static int16_t random_s16(uint64_t *rng)
+{
+    return (int16_t)(test_random(rng) >> 48);
+}
+
+/* Every used member random, every unused joint zero. */
+static struct drv_record random_record(uint64_t *rng, unsigned joints, uint64_t t_us)
+{
+    static struct drv_record r;
+    memset(&r, 0, sizeof r);
+    r.in.t_us = t_us;
+    r.in.mode = random_u32(rng);
+    r.in.active = random_u32(rng);
+    r.in.fresh = random_u32(rng) | 1u;
+    r.in.servo_alarm = random_u32(rng);
+    r.out.fault = random_u32(rng);
+    r.out.fault_joints = random_u32(rng);
+    r.driver_status = (uint16_t)random_s16(rng);
+    r.link = (uint16_t)random_s16(rng);
+    for (unsigned j = 0; j < joints; j++) {
+        r.in.count[j].raw = random_s32(rng);
+        r.in.q_ref[j].raw = random_s32(rng);
+        r.in.v_ref[j].raw = random_s32(rng);
+        r.in.a_ref[j].raw = random_s32(rng);
+        r.out.digit[j].raw = random_s16(rng);
+        r.out.speed[j].raw = random_s16(rng);
+        r.out.limit[j] = random_u32(rng);
+        r.out.q[j].raw = random_s32(rng);
+        r.out.v[j].raw = random_s32(rng);
+        for (unsigned k = 0; k < HDT_TERMS; k++)
+            r.out.term[k][j].raw = random_s32(rng);
+        r.out.total[j].raw = random_s32(rng);
+        r.torque_dig[j] = random_s16(rng);
+        r.status[j] = (uint16_t)random_s16(rng);
+    }
+    return r;
+}
+
+static const char *const constants[] = {"payload_kg = 2.0", "payload_com_m = 0 0 0.07", NULL};
+
+static struct drv_writer_cfg config(unsigned joints)
+{
+    struct hdt_tables *t = rig_tables();
+    struct drv_writer_cfg cfg = {.tables = t, .constants = constants};
+    t->joints = joints;
+    for (unsigned j = 0; j < joints; j++)
+        cfg.ratio[j] = 50.0 + 0.1 * j;
+    return cfg;
+}
+
+static struct drv_writer *open_ok(const char *path, const struct drv_writer_cfg *cfg)
+{
+    char err[300] = "";
+    struct drv_writer *w = drv_writer_open(path, cfg, err, sizeof err);
+    ck_assert_msg(w != NULL, "%s", err);
+    return w;
+}
+
+/* Write n random records, the same for the same seed. */
+static void write_log(const char *path, const struct drv_writer_cfg *cfg, unsigned n, uint64_t seed)
+{
+    struct drv_writer *w = open_ok(path, cfg);
+    for (unsigned i = 0; i < n; i++) {
+        struct drv_record r = random_record(&seed, cfg->tables->joints, 5000000 + 1429 * (uint64_t)i);
+        ck_assert_int_eq(drv_writer_put(w, &r), 0);
+    }
+    ck_assert_int_eq(drv_writer_close(w, 1), 0);
+}
+
+static char *slurp(const char *path, size_t *size)
+{
+    FILE *f = fopen(path, "rb");
+    ck_assert_ptr_nonnull(f);
+    char *text = calloc(1, 1 << 22);
+    *size = fread(text, 1, (1 << 22) - 1, f);
+    ck_assert_uint_lt(*size, (1 << 22) - 1);
+    fclose(f);
+    return text;
+}
+
+/* ---- CSV ------------------------------------------------------------------------------------ */
+
+/* The next field of a row as a number; *p moves behind its separator. */
+static double next_field(char **p)
+{
+    char *end;
+    double v = strtod(*p, &end);
+    ck_assert_ptr_ne(end, *p);
+    ck_assert(*end == ',' || *end == '\n');
+    *p = end + 1;
+    return v;
+}
+
+static void assert_near(double value, double raw, double lsb)
+{
+    ck_assert_double_le(fabs(value - raw * lsb), 0.04 * lsb); /* so that rounding gives raw back */
+}
+
+START_TEST(test_csv_gives_back_every_count)
+{
+    struct drv_writer_cfg cfg = config(7);
+    size_t size;
+    write_log(csv, &cfg, 50, 7);
+    char *text = slurp(csv, &size), *p = strstr(text, "\nt_s,"), *line;
+    ck_assert_ptr_nonnull(p);
+    *p++ = '\0';
+    ck_assert_str_eq(text, "# format = hdt-log\n# version = 1\n# arm = rig\n# table_digest = "
+                           "00112233445566778899aabbccddeeff102132435465768798a9bacbdcedfe0f\n"
+                           "# period_ns = 1428571\n# ratio1 = 50\n# ratio2 = 50.100000000000001\n"
+                           "# ratio3 = 50.200000000000003\n# ratio4 = 50.299999999999997\n"
+                           "# ratio5 = 50.399999999999999\n# ratio6 = 50.5\n# ratio7 = 50.600000000000001\n"
+                           "# payload_kg = 2.0\n# payload_com_m = 0 0 0.07");
+    line = strchr(p, '\n');
+    *line++ = '\0';
+    char want[1000] = "t_s";
+    for (int j = 1; j <= 7; j++)
+        sprintf(want + strlen(want),
+                ",q%d_rad,tau%d_nm,v%d_radps,qref%d_rad,vref%d_radps,aref%d_radps2", j, j, j, j, j, j);
+    ck_assert_str_eq(p, want);
+    uint64_t seed = 7;
+    for (unsigned i = 0; i < 50; i++) {
+        struct drv_record r = random_record(&seed, 7, 0);
+        assert_near(next_field(&line), 1429.0 * i, 1e-6);
+        for (unsigned j = 0; j < 7; j++) {
+            assert_near(next_field(&line), r.out.q[j].raw, 0x1p-24);
+            assert_near(next_field(&line), r.torque_dig[j], 0.001 * cfg.ratio[j]);
+            assert_near(next_field(&line), r.out.v[j].raw, 0x1p-24);
+            assert_near(next_field(&line), r.in.q_ref[j].raw, 0x1p-24);
+            assert_near(next_field(&line), r.in.v_ref[j].raw, 0x1p-24);
+            assert_near(next_field(&line), r.in.a_ref[j].raw, 0x1p-16);
+        }
+        ck_assert_int_eq(line[-1], '\n');
+    }
+    ck_assert_str_eq(line, "");
+    free(text);
+}
+END_TEST
+
+START_TEST(test_csv_has_a_column_for_each_term_in_use_when_asked)
+{
+    struct drv_writer_cfg cfg = config(2);
+    size_t size;
+    cfg.terms = 1;
+    cfg.constants = NULL;
+    struct hdt_tables *t = rig_tables();
+    t->joints = 2;
+    t->joint[1].terms = 1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_D;
+    write_log(csv, &cfg, 5, 8);
+    char *text = slurp(csv, &size), *line = strstr(text, "\nt_s,") + 1;
+    char *end = strchr(line, '\n');
+    *end = '\0';
+    ck_assert_str_eq(line, "t_s,q1_rad,tau1_nm,v1_radps,qref1_rad,vref1_radps,aref1_radps2,"
+                           "q2_rad,tau2_nm,v2_radps,qref2_rad,vref2_radps,aref2_radps2,"
+                           "offset1_nm,p1_nm,digit1,gravity2_nm,d2_nm,digit2,fault,link");
+    line = end + 1;
+    uint64_t seed = 8;
+    for (unsigned i = 0; i < 5; i++) {
+        struct drv_record r = random_record(&seed, 2, 0);
+        for (int k = 0; k < 13; k++)
+            (void)next_field(&line);
+        assert_near(next_field(&line), r.out.term[HDT_TERM_OFFSET][0].raw, 0x1p-16);
+        assert_near(next_field(&line), r.out.term[HDT_TERM_P][0].raw, 0x1p-16);
+        ck_assert_double_eq(next_field(&line), r.out.digit[0].raw);
+        assert_near(next_field(&line), r.out.term[HDT_TERM_GRAVITY][1].raw, 0x1p-16);
+        assert_near(next_field(&line), r.out.term[HDT_TERM_D][1].raw, 0x1p-16);
+        ck_assert_double_eq(next_field(&line), r.out.digit[1].raw);
+        ck_assert_double_eq(next_field(&line), r.out.fault);
+        ck_assert_double_eq(next_field(&line), r.link);
+        ck_assert_int_eq(line[-1], '\n');
+    }
+    free(text);
+}
+END_TEST
+
+START_TEST(test_csv_leaves_out_periods_without_a_state_and_starts_at_zero)
+{
+    struct drv_writer_cfg cfg = config(1);
+    struct drv_writer *w = open_ok(csv, &cfg);
+    uint64_t seed = 9;
+    for (unsigned i = 0; i < 10; i++) {
+        struct drv_record r = random_record(&seed, 1, 1000000000000u + i * 1000000u);
+        if (i < 3 || i == 6)
+            r.in.fresh = 0;
+        ck_assert_int_eq(drv_writer_put(w, &r), 0);
+    }
+    ck_assert_int_eq(drv_writer_close(w, 1), 0);
+    size_t size;
+    char *text = slurp(csv, &size), *line = strchr(strstr(text, "\nt_s,") + 1, '\n') + 1;
+    static const double want[] = {0, 1, 2, 4, 5, 6};
+    for (unsigned i = 0; i < 6; i++) {
+        ck_assert_double_eq(strtod(line, NULL), want[i]);
+        line = strchr(line, '\n') + 1;
+    }
+    ck_assert_str_eq(line, "");
+    free(text);
+}
+END_TEST
+
+/* ---- event log ------------------------------------------------------------------------------ */
+
+static struct drv_reader *reader_ok(const char *path)
+{
+    char err[600] = "";
+    struct drv_reader *r = drv_reader_open(path, err, sizeof err);
+    ck_assert_msg(r != NULL, "%s", err);
+    return r;
+}
+
+START_TEST(test_event_log_gives_back_every_record_bit_for_bit)
+{
+    static const unsigned joints[] = {1, 7, HDT_JOINTS_MAX};
+    for (unsigned k = 0; k < 3; k++) {
+        struct drv_writer_cfg cfg = config(joints[k]);
+        write_log(lcm, &cfg, 300, 10 + k);
+        struct drv_reader *r = reader_ok(lcm);
+        const struct drv_run *run = drv_reader_run(r);
+        ck_assert_uint_eq(run->version, DRV_LOG_VERSION);
+        ck_assert_uint_eq(run->table_layout, HDT_TABLES_LAYOUT);
+        ck_assert_uint_eq(run->period_ns, 1428571);
+        ck_assert_uint_eq(run->joints, joints[k]);
+        ck_assert_str_eq(run->arm, "rig");
+        ck_assert_mem_eq(run->digest, rig_tables()->digest, 32);
+        ck_assert_mem_eq(run->ratio, cfg.ratio, sizeof run->ratio);
+        ck_assert_str_eq(run->constants, "payload_kg = 2.0\npayload_com_m = 0 0 0.07\n");
+        uint64_t seed = 10 + k;
+        static struct drv_record got, want;
+        for (unsigned i = 0; i < 300; i++) {
+            want = random_record(&seed, joints[k], 5000000 + 1429 * (uint64_t)i);
+            ck_assert_int_eq(drv_reader_next(r, &got), 1);
+            ck_assert_mem_eq(&got, &want, sizeof got);
+        }
+        ck_assert_int_eq(drv_reader_next(r, &got), 0);
+        ck_assert_int_eq(drv_reader_next(r, &got), 0);
+        ck_assert_str_eq(drv_reader_error(r), "");
+        drv_reader_close(r);
+    }
+}
+END_TEST
+
+START_TEST(test_event_log_replays_through_the_core)
+{
+    struct drv_writer_cfg cfg = config(7);
+    struct drv_writer *w = open_ok(lcm, &cfg);
+    static struct drv_record rec;
+    hdt_t core;
+    uint64_t rng = 12;
+    ck_assert_int_eq(hdt_init(&core, cfg.tables), HDT_OK);
+    for (unsigned i = 0; i < 500; i++) {
+        memset(&rec, 0, sizeof rec);
+        rec.in.t_us = 1429 * (uint64_t)(i + 1);
+        rec.in.mode = HDT_MODE_TORQUE;
+        rec.in.active = 0x7f;
+        rec.in.fresh = test_random(&rng) % 4 ? 0x7f : 0;
+        for (unsigned j = 0; j < 7; j++) {
+            rec.in.count[j].raw = (int32_t)(i * (j + 1));
+            rec.in.q_ref[j].raw = (int32_t)(test_random(&rng) >> 42);
+        }
+        ck_assert_int_eq(hdt_step(&core, &rec.in, &rec.out), HDT_OK);
+        ck_assert_int_eq(drv_writer_put(w, &rec), 0);
+    }
+    ck_assert_int_eq(drv_writer_close(w, 1), 0);
+    struct drv_reader *r = reader_ok(lcm);
+    struct hdt_out out;
+    unsigned n = 0;
+    ck_assert_int_eq(hdt_init(&core, cfg.tables), HDT_OK);
+    while (drv_reader_next(r, &rec) == 1) {
+        ck_assert_int_eq(hdt_step(&core, &rec.in, &out), HDT_OK);
+        ck_assert_mem_eq(&out, &rec.out, sizeof out);
+        n++;
+    }
+    ck_assert_uint_eq(n, 500);
+    drv_reader_close(r);
+}
+END_TEST
+
+START_TEST(test_liblcm_reads_the_event_log)
+{
+    struct drv_writer_cfg cfg = config(7);
+    write_log(lcm, &cfg, 100, 13);
+    lcm_eventlog_t *log = lcm_eventlog_create(lcm, "r");
+    lcm_eventlog_event_t *e;
+    int64_t n = 0;
+    while ((e = lcm_eventlog_read_next_event(log)) != NULL) {
+        ck_assert_int_eq(e->eventnum, n);
+        ck_assert_str_eq(e->channel, n == 0 ? "HDT_RUN" : "HDT_CYCLE");
+        ck_assert_int_eq(e->timestamp, n == 0 ? 0 : 5000000 + 1429 * (n - 1));
+        n++;
+        lcm_eventlog_free_event(e);
+    }
+    ck_assert_int_eq(n, 101);
+    lcm_eventlog_destroy(log);
+}
+END_TEST
+
+/* What tests/lcm_dump.c prints, from the records themselves. */
+static void dump(FILE *f, const struct drv_record *r, unsigned joints)
+{
+#define LIST(value)                             \
+    do {                                        \
+        for (unsigned j = 0; j < joints; j++)   \
+            fprintf(f, " %d", (int)(value));    \
+        fprintf(f, "\n");                       \
+    } while (0)
+    fprintf(f, "cycle 1 %lld %u %d %d %d %d %d\n", (long long)r->in.t_us, joints, HDT_TERMS,
+            (int)r->in.mode, (int)r->in.active, (int)r->in.fresh, (int)r->in.servo_alarm);
+    LIST(r->in.count[j].raw);
+    LIST(r->in.q_ref[j].raw);
+    LIST(r->in.v_ref[j].raw);
+    LIST(r->in.a_ref[j].raw);
+    LIST(r->out.digit[j].raw);
+    LIST(r->out.speed[j].raw);
+    fprintf(f, "%d %d\n", (int)r->out.fault, (int)r->out.fault_joints);
+    LIST(r->out.limit[j]);
+    LIST(r->out.q[j].raw);
+    LIST(r->out.v[j].raw);
+    for (unsigned k = 0; k < HDT_TERMS; k++)
+        LIST(r->out.term[k][j].raw);
+    LIST(r->out.total[j].raw);
+    LIST(r->torque_dig[j]);
+    LIST((int16_t)r->status[j]);
+    fprintf(f, "%d %d\n", (int16_t)r->driver_status, (int16_t)r->link);
+#undef LIST
+}
+
+START_TEST(test_code_from_lcm_gen_reads_the_same_numbers)
+{
+    char cmd[1000], want[100], got[100];
+    struct drv_writer_cfg cfg = config(7);
+    size_t wsize, gsize;
+    if (system("command -v lcm-gen >/dev/null && command -v cc >/dev/null") != 0)
+        HDT_SKIP("needs lcm-gen (liblcm-bin) and cc");
+    write_log(lcm, &cfg, 20, 14);
+    snprintf(want, sizeof want, "%s/want", dir);
+    snprintf(got, sizeof got, "%s/got", dir);
+    snprintf(cmd, sizeof cmd,
+             "cd %s && root='%s' && mkdir gen && lcm-gen -c --c-no-pubsub --c-cpath gen --c-hpath gen "
+             "\"$root/driver/hdt_cycle.lcm\" && cc -Igen -o gen/dump \"$root/tests/lcm_dump.c\" gen/*.c -llcm "
+             "&& gen/dump run.lcm > got; e=$?; rm -r gen; exit $e",
+             dir, getcwd((char[500]){0}, 500));
+    ck_assert_int_eq(system(cmd), 0);
+    FILE *f = fopen(want, "w");
+    fprintf(f, "event 0 0 HDT_RUN\nrun 1 %u 1428571 %d rig 7\n", HDT_TABLES_LAYOUT, HDT_TERMS);
+    for (unsigned i = 0; i < 32; i++)
+        fprintf(f, " %02x", rig_tables()->digest[i]);
+    fprintf(f, "\n");
+    for (unsigned j = 0; j < 7; j++)
+        fprintf(f, " %.17g", cfg.ratio[j]);
+    fprintf(f, "\n%s\n%s\n.\n", constants[0], constants[1]);
+    uint64_t seed = 14;
+    for (unsigned i = 0; i < 20; i++) {
+        struct drv_record r = random_record(&seed, 7, 5000000 + 1429 * (uint64_t)i);
+        fprintf(f, "event %u %lld HDT_CYCLE\n", i + 1, (long long)r.in.t_us);
+        dump(f, &r, 7);
+    }
+    fclose(f);
+    char *a = slurp(want, &wsize), *b = slurp(got, &gsize);
+    ck_assert_str_eq(b, a);
+    ck_assert_uint_gt(wsize, 10000);
+    free(a);
+    free(b);
+    unlink(want);
+    unlink(got);
+}
+END_TEST
+
+/* ---- damage --------------------------------------------------------------------------------- */
+
+static void put_file(const char *path, const void *bytes, size_t size)
+{
+    unlink(path); /* truncating makes some file systems write the old file out first */
+    FILE *f = fopen(path, "wb");
+    ck_assert_uint_eq(fwrite(bytes, 1, size, f), size);
+    fclose(f);
+}
+
+/* Read all; returns records, and whether the end was clean in *clean. */
+static int read_all(const char *path, int *clean, char *err, size_t errlen)
+{
+    static struct drv_record rec;
+    struct drv_reader *r = drv_reader_open(path, err, errlen);
+    int n = 0, e;
+    *clean = 0;
+    if (r == NULL)
+        return -1;
+    while ((e = drv_reader_next(r, &rec)) == 1)
+        n++;
+    *clean = e == 0;
+    snprintf(err, errlen, "%s", drv_reader_error(r));
+    ck_assert_int_eq(e == 0, err[0] == '\0');
+    drv_reader_close(r);
+    return n;
+}
+
+START_TEST(test_a_log_cut_at_any_byte_is_said_to_be_cut)
+{
+    struct drv_writer_cfg cfg = config(2);
+    size_t size;
+    write_log(lcm, &cfg, 4, 15);
+    char *whole = slurp(lcm, &size), err[600];
+    uint8_t head[DRV_LCM_HEAD];
+    struct drv_lcm_head h;
+    unsigned ends = 0;
+    size_t boundary = 0;
+    for (size_t cut = 0; cut <= size; cut++) {
+        int clean, n;
+        put_file(lcm, whole, cut);
+        n = read_all(lcm, &clean, err, sizeof err);
+        if (cut == boundary && cut > 0) {
+            /* after whole events: as many cycles as there are, no complaint */
+            ck_assert_int_eq(n, (int)ends - 1);
+            ck_assert_int_eq(clean, 1);
+        } else {
+            ck_assert_int_eq(clean, 0);
+            ck_assert_int_eq(n, ends == 0 ? -1 : (int)ends - 1);
+            ck_assert_ptr_nonnull(strstr(err, cut == 0 ? "no hdt log" : "cut off"));
+            ck_assert_ptr_nonnull(strstr(err, "run.lcm: at byte"));
+        }
+        if (cut == boundary && cut < size) {
+            memcpy(head, whole + boundary, sizeof head);
+            drv_lcm_get_head(head, &h);
+            boundary += DRV_LCM_HEAD + h.channel_len + h.data_len;
+        }
+        if (cut + 1 == boundary)
+            ends++;
+    }
+    ck_assert_uint_eq(ends, 5);
+    free(whole);
+}
+END_TEST
+
+START_TEST(test_any_byte_changed_is_safe_and_structure_is_noticed)
+{
+    struct drv_writer_cfg cfg = config(2);
+    size_t size;
+    write_log(lcm, &cfg, 3, 16);
+    char *whole = slurp(lcm, &size), err[600];
+    unsigned noticed = 0;
+    for (size_t at = 0; at < size; at++) {
+        int clean, n;
+        char keep = whole[at];
+        whole[at] = (char)(keep ^ (1 << at % 8));
+        put_file(lcm, whole, size);
+        n = read_all(lcm, &clean, err, sizeof err);
+        ck_assert_int_le(n, 3);
+        noticed += !clean;
+        /* the mark of every event, and the whole head of the run up to its ratio, must be noticed */
+        if (at < 4 || (at >= DRV_LCM_HEAD && at < DRV_LCM_HEAD + 7 + 8 + 4))
+            ck_assert_int_eq(n, -1);
+        whole[at] = keep;
+    }
+    ck_assert_uint_gt(noticed, 60);
+    free(whole);
+}
+END_TEST
+
+START_TEST(test_random_bytes_are_never_a_log)
+{
+    uint64_t rng = 17;
+    char err[600];
+    for (int n = 0; n < 300; n++) {
+        uint8_t b[400];
+        unsigned size = test_random(&rng) % sizeof b;
+        int clean;
+        for (unsigned i = 0; i < size; i++)
+            b[i] = (uint8_t)test_random(&rng);
+        /* a good mark and plausible lengths let it get further */
+        static const uint8_t mark[4] = {0xed, 0xa1, 0xda, 0x01};
+        if (n % 2 && size >= 40) {
+            memcpy(b, mark, 4);
+            memset(b + 20, 0, 8);
+            b[23] = 7;
+            b[27] = (uint8_t)(size - 35);
+            memcpy(b + 28, "HDT_RUN", 7);
+        }
+        put_file(lcm, b, size);
+        ck_assert_int_eq(read_all(lcm, &clean, err, sizeof err), -1);
+    }
+}
+END_TEST
+
+START_TEST(test_wrong_files_and_versions_say_what_was_found)
+{
+    struct drv_writer_cfg cfg = config(2);
+    char err[600];
+    int clean;
+    size_t size;
+    ck_assert_int_eq(read_all("/nonexistent/x.lcm", &clean, err, sizeof err), -1);
+    ck_assert_ptr_nonnull(strstr(err, "/nonexistent/x.lcm: cannot be read: No such file"));
+    ck_assert_int_eq(read_all(dir, &clean, err, sizeof err), -1);
+    write_log(csv, &cfg, 3, 18);
+    ck_assert_int_eq(read_all(csv, &clean, err, sizeof err), -1);
+    ck_assert_ptr_nonnull(strstr(err, "no LCM event here"));
+
+    write_log(lcm, &cfg, 3, 18);
+    char *whole = slurp(lcm, &size);
+    /* a later version: another fingerprint, its number in the same place */
+    whole[DRV_LCM_HEAD + 7] ^= 0x11;
+    whole[DRV_LCM_HEAD + 7 + 8 + 3] = 2;
+    put_file(lcm, whole, size);
+    ck_assert_int_eq(read_all(lcm, &clean, err, sizeof err), -1);
+    ck_assert_ptr_nonnull(strstr(err, "log version 2, this program reads version 1"));
+    free(whole);
+}
+END_TEST
+
+START_TEST(test_foreign_channels_are_passed_over_and_a_second_run_is_not)
+{
+    struct drv_writer_cfg cfg = config(2);
+    char err[600];
+    int clean;
+    size_t size;
+    write_log(lcm, &cfg, 3, 19);
+    char *whole = slurp(lcm, &size);
+    /* foreign event longer than any of ours, in front and behind */
+    static uint8_t foreign[DRV_LCM_HEAD + 6 + 20000];
+    struct drv_lcm_head h = {.magic = DRV_LCM_MAGIC, .channel_len = 6, .data_len = 20000};
+    drv_lcm_put_head(&h, foreign);
+    memcpy(foreign + DRV_LCM_HEAD, "CAMERA", 6);
+    FILE *f = fopen(lcm, "wb");
+    fwrite(foreign, 1, sizeof foreign, f);
+    fwrite(whole, 1, size, f);
+    fwrite(foreign, 1, sizeof foreign, f);
+    fclose(f);
+    ck_assert_int_eq(read_all(lcm, &clean, err, sizeof err), 3);
+    ck_assert_int_eq(clean, 1);
+    f = fopen(lcm, "ab");
+    fwrite(whole, 1, size, f);
+    fclose(f);
+    ck_assert_int_eq(read_all(lcm, &clean, err, sizeof err), 3);
+    ck_assert_int_eq(clean, 0);
+    snprintf(part, sizeof part, "at byte %zu: a second run", size + 2 * sizeof foreign);
+    ck_assert_ptr_nonnull(strstr(err, part));
+    free(whole);
+}
+END_TEST
+
+/* ---- files ---------------------------------------------------------------------------------- */
+
+START_TEST(test_a_log_has_no_name_until_it_is_whole)
+{
+    struct drv_writer_cfg cfg = config(3);
+    const char *const paths[] = {csv, lcm};
+    for (unsigned k = 0; k < 2; k++) {
+        uint64_t seed = 20;
+        struct drv_writer *w = open_ok(paths[k], &cfg);
+        struct drv_record r = random_record(&seed, 3, 1);
+        ck_assert_int_eq(drv_writer_put(w, &r), 0);
+        ck_assert_int_eq(exists(paths[k]), 0);
+        ck_assert_int_eq(exists(part_of(paths[k])), 1);
+        /* discarded: nothing */
+        ck_assert_int_eq(drv_writer_close(w, 0), 0);
+        ck_assert_int_eq(exists(paths[k]), 0);
+        ck_assert_int_eq(exists(part_of(paths[k])), 0);
+        /* what was there before stays until the new one is whole */
+        put_file(paths[k], "old", 3);
+        w = open_ok(paths[k], &cfg);
+        ck_assert_int_eq(drv_writer_close(w, 0), 0);
+        size_t size;
+        char *text = slurp(paths[k], &size);
+        ck_assert_str_eq(text, "old");
+        free(text);
+        write_log(paths[k], &cfg, 1, 21);
+        text = slurp(paths[k], &size);
+        ck_assert_uint_gt(size, 100);
+        free(text);
+        ck_assert_int_eq(exists(part_of(paths[k])), 0);
+    }
+    ck_assert_int_eq(drv_writer_close(NULL, 1), 0);
+}
+END_TEST
+
+START_TEST(test_a_full_disk_at_any_size_is_an_error_and_leaves_the_old_log)
+{
+    struct drv_writer_cfg cfg = config(7);
+    const char *const paths[] = {csv, lcm};
+    signal(SIGXFSZ, SIG_IGN);
+    for (unsigned k = 0; k < 2; k++) {
+        struct rlimit was, limit;
+        unsigned failures = 0;
+        put_file(paths[k], "old", 3);
+        for (rlim_t room = 0; room < 400000; room += 9973) {
+            char err[300] = "";
+            getrlimit(RLIMIT_FSIZE, &was);
+            limit = was;
+            limit.rlim_cur = room;
+            setrlimit(RLIMIT_FSIZE, &limit);
+            struct drv_writer *w = drv_writer_open(paths[k], &cfg, err, sizeof err);
+            uint64_t seed = 22;
+            int first = 0, recovered = 0;
+            for (unsigned i = 0; w != NULL && i < 800; i++) {
+                struct drv_record r = random_record(&seed, 7, 1 + i);
+                int e = drv_writer_put(w, &r);
+                recovered |= first != 0 && e != first;
+                first = e;
+            }
+            int c = w != NULL ? drv_writer_close(w, 1) : -EFBIG;
+            /* no assertion above: Check's own file is under the limit too */
+            setrlimit(RLIMIT_FSIZE, &was);
+            ck_assert_int_eq(recovered, 0);
+            ck_assert_int_eq(c, -EFBIG);
+            failures++;
+            ck_assert_int_eq(exists(part_of(paths[k])), 0);
+            size_t size;
+            char *text = slurp(paths[k], &size);
+            ck_assert_str_eq(text, "old");
+            free(text);
+        }
+        ck_assert_uint_eq(failures, 41);
+    }
+}
+END_TEST
+
+START_TEST(test_no_space_left_is_reported_as_such)
+{
+    struct drv_writer_cfg cfg = config(7);
+    const char *const paths[] = {csv, lcm};
+    for (unsigned k = 0; k < 2; k++) {
+        char err[300] = "";
+        ck_assert_int_eq(symlink("/dev/full", part_of(paths[k])), 0);
+        struct drv_writer *w = drv_writer_open(paths[k], &cfg, err, sizeof err);
+        ck_assert_ptr_nonnull(w); /* the head still fits the buffer */
+        uint64_t seed = 23;
+        struct drv_record r = random_record(&seed, 7, 1);
+        (void)drv_writer_put(w, &r);
+        ck_assert_int_eq(drv_writer_close(w, 1), -ENOSPC);
+        ck_assert_int_eq(exists(paths[k]), 0);
+        ck_assert_int_eq(exists(part_of(paths[k])), 0);
+        ck_assert_int_eq(exists("/dev/full"), 1);
+    }
+}
+END_TEST
+
+static void refused(const char *path, const struct drv_writer_cfg *cfg, const char *word)
+{
+    char err[400] = "";
+    ck_assert_ptr_null(drv_writer_open(path, cfg, err, sizeof err));
+    ck_assert_msg(strstr(err, word) != NULL, "expected \"%s\" in: %s", word, err);
+    ck_assert_ptr_null(strchr(err, '\n'));
+    ck_assert_ptr_null(drv_writer_open(path, cfg, NULL, 0));
+}
+
+START_TEST(test_what_cannot_be_logged_is_refused_before_a_file_is_touched)
+{
+    struct drv_writer_cfg cfg = config(3);
+    char bad[120];
+    refused(NULL, &cfg, "no path");
+    refused(csv, NULL, "no path or no configuration");
+    snprintf(bad, sizeof bad, "%s/run.txt", dir);
+    refused(bad, &cfg, "expected one ending in .csv or .lcm");
+    refused(".csv", &cfg, "expected one ending in .csv or .lcm");
+    snprintf(bad, sizeof bad, "%s/none/run.csv", dir);
+    refused(bad, &cfg, "No such file");
+    snprintf(bad, sizeof bad, "%s/is.csv", dir);
+    ck_assert_int_eq(mkdir(bad, 0700), 0);
+    refused(bad, &cfg, "is a directory");
+    rmdir(bad);
+    static const double ratios[] = {0.0, -50.0, INFINITY, NAN};
+    for (unsigned i = 0; i < 4; i++) {
+        cfg.ratio[2] = ratios[i];
+        refused(csv, &cfg, "ratio of joint 3");
+    }
+    cfg = config(3);
+    static const char *const lines[] = {"no equals sign", "= 3", "a = 1\nb = 2", "tab\t= 1"};
+    for (unsigned i = 0; i < 4; i++) {
+        const char *list[] = {"good = 1", lines[i], NULL};
+        cfg.constants = list;
+        refused(csv, &cfg, "constant 2: expected one line");
+        refused(lcm, &cfg, "constant 2: expected one line");
+    }
+    static char longest[DRV_CONSTANTS_MAX];
+    memset(longest, 'x', sizeof longest);
+    longest[1] = '=';
+    longest[DRV_CONSTANTS_MAX - 1] = '\0';
+    const char *list[] = {longest, NULL};
+    cfg.constants = list;
+    refused(lcm, &cfg, "constant 1");
+    /* the longest that fits does */
+    longest[DRV_CONSTANTS_MAX - 2] = '\0';
+    struct drv_writer *w = open_ok(lcm, &cfg);
+    ck_assert_int_eq(drv_writer_close(w, 1), 0);
+    struct drv_reader *r = reader_ok(lcm);
+    ck_assert_uint_eq(strlen(drv_reader_run(r)->constants), DRV_CONSTANTS_MAX - 1);
+    drv_reader_close(r);
+    cfg = config(0);
+    refused(csv, &cfg, "no tables with 1 to 16 joints");
+    cfg = config(HDT_JOINTS_MAX + 1);
+    refused(csv, &cfg, "no tables with 1 to 16 joints");
+    cfg.tables = NULL;
+    refused(csv, &cfg, "no tables with 1 to 16 joints");
+}
+END_TEST
+
+static TCase *new_case(Suite *s, const char *name)
+{
+    TCase *t = tcase_create(name);
+    tcase_set_timeout(t, 60);
+    tcase_add_checked_fixture(t, in_own_directory, leave_directory);
+    suite_add_tcase(s, t);
+    return t;
+}
+
+static Suite *log_suite(void)
+{
+    Suite *s = suite_create("log");
+    TCase *t = new_case(s, "csv");
+    tcase_add_test(t, test_csv_gives_back_every_count);
+    tcase_add_test(t, test_csv_has_a_column_for_each_term_in_use_when_asked);
+    tcase_add_test(t, test_csv_leaves_out_periods_without_a_state_and_starts_at_zero);
+    t = new_case(s, "event log");
+    tcase_add_test(t, test_event_log_gives_back_every_record_bit_for_bit);
+    tcase_add_test(t, test_event_log_replays_through_the_core);
+    tcase_add_test(t, test_liblcm_reads_the_event_log);
+    tcase_add_test(t, test_code_from_lcm_gen_reads_the_same_numbers);
+    t = new_case(s, "damage");
+    tcase_add_test(t, test_a_log_cut_at_any_byte_is_said_to_be_cut);
+    tcase_add_test(t, test_any_byte_changed_is_safe_and_structure_is_noticed);
+    tcase_add_test(t, test_random_bytes_are_never_a_log);
+    tcase_add_test(t, test_wrong_files_and_versions_say_what_was_found);
+    tcase_add_test(t, test_foreign_channels_are_passed_over_and_a_second_run_is_not);
+    t = new_case(s, "files");
+    tcase_add_test(t, test_a_log_has_no_name_until_it_is_whole);
+    tcase_add_test(t, test_a_full_disk_at_any_size_is_an_error_and_leaves_the_old_log);
+    tcase_add_test(t, test_no_space_left_is_reported_as_such);
+    tcase_add_test(t, test_what_cannot_be_logged_is_refused_before_a_file_is_touched);
+    return s;
+}
+
+HDT_CHECK_MAIN(log_suite())
