@@ -101,7 +101,7 @@ static struct drv_writer_cfg config(unsigned joints)
     struct hdt_tables *t = rig_tables();
     struct drv_writer_cfg cfg = {.tables = t, .constants = constants};
     t->joints = joints;
-    for (unsigned j = 0; j < joints; j++)
+    for (unsigned j = 0; j < joints && j < HDT_JOINTS_MAX; j++)
         cfg.ratio[j] = 50.0 + 0.1 * j;
     return cfg;
 }
