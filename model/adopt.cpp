@@ -160,8 +160,17 @@ bool write_effect(const Writer &out, const std::string &id, std::vector<EffectPa
 }
 
 // Friction fitted beside the effects, by direction; a joint without friction gets a plain group.
-void write_friction(const Writer &out, const hdt_arm_joint &aj, const VectorXd &change, const VectorXd &sigma)
+void write_friction(const Writer &out, const hdt_arm_joint &aj, const VectorXd &change, const VectorXd &sigma,
+                    double v_max_radps)
 {
+    if (!aj.has_friction) {
+        Quantity valid;
+        valid.value = {0, v_max_radps};
+        valid.sigma = {0, 0};
+        valid.unit = "rad/s";
+        valid.source = kSource;
+        out.file->set(out.joint + ".friction.valid", valid);
+    }
     const char *const way[] = {"positive", "negative"};
     for (int d = 0; d < 2; ++d) {
         const std::string at = out.joint + ".friction." + way[d] + ".";
@@ -246,7 +255,10 @@ std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &
             friction[1] += offset;
         }
     }
-    write_friction(out, arm.joint[w.joint], friction, scale * e.friction_sigma);
+    double v_max = 0;
+    for (const BlockRows &b : w.fit)
+        v_max = b.size() > 0 ? std::max(v_max, b.v.cwiseAbs().maxCoeff()) : v_max;
+    write_friction(out, arm.joint[w.joint], friction, scale * e.friction_sigma, v_max);
     return refused.empty() ? "" : "the model file has no term for " + refused + "; it is not adopted";
 }
 

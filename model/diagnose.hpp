@@ -30,6 +30,8 @@ struct Effect {
     double rms_nm;                  // of its contribution, held out
     double p_adjusted;              // over everything tried
     std::vector<EffectParameter> parameters;
+    std::vector<double> table_x, table_nm; // "unnamed": torque over its axis, flat outside
+    bool adopted = false;           // written into the model
 };
 
 struct Candidate { std::string id; double log_e, gain_nm, rms_nm, p_adjusted; std::string note; };
@@ -37,7 +39,10 @@ struct Candidate { std::string id; double log_e, gain_nm, rms_nm, p_adjusted; st
 struct JointDiagnosis {
     int joint;                      // 1-based
     std::string verdict;            // named, unnamed, suspect, nothing
-    double noise_floor_nm, rms_before_nm, rms_after_nm; // held-out runs only
+    // Held-out runs only.  before: the model as given; refit: its Coulomb and viscous friction fitted
+    // to the fit runs; after: with the effects (unnamed: with its table).  floor: what the best
+    // candidate of all, named or not, leaves on a run it was not fitted on.
+    double noise_floor_nm, rms_before_nm, rms_refit_nm, rms_after_nm;
     std::vector<Effect> effects;
     std::vector<std::string> ambiguous_with;
     std::string next_experiment;
@@ -53,8 +58,10 @@ struct JointDiagnosis {
 struct Diagnosis {
     ArmFile model;                  // with the effects adopted
     std::vector<JointDiagnosis> joints;
+    std::vector<std::pair<int, std::string>> skipped; // joint (1-based) and why nothing can be said
 };
 
+// Throws InputError when a run does not fit the arm or a joint asked for is not in the runs.
 Diagnosis diagnose(const ArmFile &arm, const std::vector<Run> &fit, const std::vector<Run> &test,
                    const DiagnoseOptions &options);
 
