@@ -52,6 +52,37 @@ static struct drv_state random_state(uint64_t *rng)
     return s;
 }
 
+/* The examples of docs/formats.md. */
+static struct drv_command example_command(void)
+{
+    struct drv_command c = {.seq = 42, .type = DRV_CYCLIC};
+    for (int i = 0; i < DRV_AXES; i++)
+        c.axis[i].mode = DRV_AXIS_BRAKE;
+    c.axis[0].mode = c.axis[1].mode = DRV_AXIS_SERVO | DRV_AXIS_TORQUE;
+    c.axis[0].torque_dig = 1000;
+    c.axis[1].torque_dig = -1;
+    c.axis[3].mode = DRV_AXIS_SERVO;
+    c.axis[3].speed_dig = -5000;
+    c.axis[6].mode = DRV_AXIS_BRAKE | DRV_AXIS_DEADMAN;
+    c.axis[6].torque_dig = INT16_MIN;
+    c.axis[6].speed_dig = INT16_MAX;
+    return c;
+}
+
+static struct drv_state example_state(void)
+{
+    struct drv_state s = {.seq = 127, .type = DRV_CYCLIC};
+    s.axis[0].status = DRV_AXIS_LIMIT_POS;
+    s.axis[0].count = 3 * 50 * 16384;
+    s.axis[0].torque_dig = 1234;
+    s.axis[6].status = DRV_ALARM_TIMEOUT << DRV_ALARM_SHIFT | DRV_AXIS_UNCONTROLLABLE |
+                       DRV_AXIS_POWER_OFF;
+    s.axis[6].count = -1;
+    s.axis[6].torque_dig = -30;
+    s.driver_status = DRV_DRIVER_HOST_TIMEOUT << DRV_ALARM_SHIFT;
+    return s;
+}
+
 START_TEST(test_command_bytes_are_those_of_the_field_table)
 {
     /* axis 1 torque 1000 digits, axis 2 torque -1, axis 4 speed -5000 digits (-1 rad/s), axis 7
@@ -66,17 +97,7 @@ START_TEST(test_command_bytes_are_those_of_the_field_table)
         0x01, 0x00, 0x00, 0x00, 0x00, /* W1 */
         0x09, 0x00, 0x80, 0xff, 0x7f, /* W2 brake and dead-man; extremes of both words */
     };
-    struct drv_command c = {.seq = 42, .type = DRV_CYCLIC};
-    for (int i = 0; i < DRV_AXES; i++)
-        c.axis[i].mode = DRV_AXIS_BRAKE;
-    c.axis[0].mode = c.axis[1].mode = DRV_AXIS_SERVO | DRV_AXIS_TORQUE;
-    c.axis[0].torque_dig = 1000;
-    c.axis[1].torque_dig = -1;
-    c.axis[3].mode = DRV_AXIS_SERVO;
-    c.axis[3].speed_dig = -5000;
-    c.axis[6].mode = DRV_AXIS_BRAKE | DRV_AXIS_DEADMAN;
-    c.axis[6].torque_dig = INT16_MIN;
-    c.axis[6].speed_dig = INT16_MAX;
+    struct drv_command c = example_command();
     struct hdt_frame f;
     ck_assert_int_eq(drv_command_encode(&c, &f), DRV_TELEGRAM_OK);
     ck_assert_uint_eq(f.len, sizeof want);
@@ -92,15 +113,7 @@ START_TEST(test_state_bytes_are_those_of_the_field_table)
     uint8_t want[DRV_STATE_LEN] = {0x7f, 0x43, 0x01, 0x00, 0x00, 0x80, 0x25, 0x00, 0xd2, 0x04};
     static const uint8_t tail[10] = {0xf0, 0xcf, 0xff, 0xff, 0xff, 0xff, 0xe2, 0xff, 0x50, 0x00};
     memcpy(want + 50, tail, sizeof tail);
-    struct drv_state s = {.seq = 127, .type = DRV_CYCLIC};
-    s.axis[0].status = DRV_AXIS_LIMIT_POS;
-    s.axis[0].count = 3 * 50 * 16384;
-    s.axis[0].torque_dig = 1234;
-    s.axis[6].status = DRV_ALARM_TIMEOUT << DRV_ALARM_SHIFT | DRV_AXIS_UNCONTROLLABLE |
-                       DRV_AXIS_POWER_OFF;
-    s.axis[6].count = -1;
-    s.axis[6].torque_dig = -30;
-    s.driver_status = DRV_DRIVER_HOST_TIMEOUT << DRV_ALARM_SHIFT;
+    struct drv_state s = example_state();
     struct hdt_frame f;
     ck_assert_int_eq(drv_state_encode(&s, &f), DRV_TELEGRAM_OK);
     ck_assert_uint_eq(f.len, sizeof want);
@@ -302,6 +315,44 @@ START_TEST(test_every_alarm_number_has_a_name)
 }
 END_TEST
 
+/* Hex of len bytes, looked for in the text; returns where it ends, or NULL. */
+static const char *find_hex(const char *text, const uint8_t *b, unsigned len)
+{
+    char hex[3 * 8 + 1] = "";
+    for (unsigned i = 0; i < len; i++)
+        sprintf(hex + 3 * i, "%02x ", b[i]);
+    hex[3 * len - 1] = '\0';
+    const char *at = strstr(text, hex);
+    return at ? at + 3 * len - 1 : NULL;
+}
+
+START_TEST(test_the_format_document_shows_these_bytes)
+{
+    static char text[200000];
+    FILE *doc = fopen("docs/formats.md", "r");
+    if (doc == NULL)
+        HDT_SKIP("docs/formats.md is not in the working directory");
+    size_t n = fread(text, 1, sizeof text - 1, doc);
+    fclose(doc);
+    ck_assert_uint_lt(n, sizeof text - 1);
+    struct drv_command c = example_command();
+    struct drv_state s = example_state();
+    struct hdt_frame f;
+    const char *at = strstr(text, "## Telegram");
+    ck_assert_int_eq(drv_command_encode(&c, &f), DRV_TELEGRAM_OK);
+    at = at ? find_hex(at, f.data, 2) : NULL;
+    for (unsigned i = 0; at != NULL && i < DRV_AXES; i++)
+        at = find_hex(at, f.data + 2 + 5 * i, 5);
+    ck_assert_ptr_nonnull(at);
+    ck_assert_int_eq(drv_state_encode(&s, &f), DRV_TELEGRAM_OK);
+    at = find_hex(at, f.data, 2);
+    for (unsigned i = 0; at != NULL && i < DRV_AXES; i++)
+        at = find_hex(at, f.data + 2 + 8 * i, 8);
+    at = at ? find_hex(at, f.data + 58, 2) : NULL;
+    ck_assert_ptr_nonnull(at);
+}
+END_TEST
+
 static Suite *telegram_suite(void)
 {
     Suite *s = suite_create("telegram");
@@ -310,6 +361,7 @@ static Suite *telegram_suite(void)
     tcase_add_test(t, test_state_bytes_are_those_of_the_field_table);
     tcase_add_test(t, test_mode_telegrams_are_two_bytes_both_ways);
     tcase_add_test(t, test_length_of_a_padded_telegram_is_found);
+    tcase_add_test(t, test_the_format_document_shows_these_bytes);
     suite_add_tcase(s, t);
     t = tcase_create("round trip");
     tcase_add_test(t, test_random_commands_come_back_unchanged);
