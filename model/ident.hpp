@@ -4,6 +4,11 @@
 //
 // Owns: which terms are fitted, weights, sigma, "not excited", held-out error.
 // Never: names a missing effect (diagnose.hpp does).
+//
+// Fitted per joint: two-sided Stribeck friction, the ripple lines and stiffness lines the file
+// declares.  Fitted for the chain: one gravity scale when the file has masses (it goes into all
+// masses and first moments alike), else rigid-body base parameters, written as first_moment and
+// inertia_origin with zero mass.  Everything else in the file is taken as it stands.
 #pragma once
 
 #include <string>
@@ -17,27 +22,33 @@ namespace hdt {
 struct IdentOptions {
     std::vector<int> joints;        // 1-based; empty: all present
     double block_s = 0.01;          // rows are averaged over blocks of this length, regressors too
+    double reversal_guard_s = 0.03; // rows this close to a reversal are not fitted
 };
 
 struct FitParameter {
     std::string key, unit;
-    double value, sigma;
+    double value, sigma;            // sigma NaN: not known
     bool excited;                   // false: the data cannot tell; the file's value was kept
 };
 
 struct JointFit {
     int joint;                      // 1-based
     std::vector<FitParameter> parameters;
-    double rms_before_nm, rms_after_nm;         // on the fit runs
+    double rms_before_nm, rms_after_nm;         // on the fit runs, block means
     double held_out_before_nm, held_out_after_nm; // on the test runs; NaN without
-    std::size_t rows, masked;
-    // for pictures, test runs if given, else fit runs
-    std::vector<double> t_s, q_rad, v_radps, measured_nm, residual_before_nm, residual_after_nm;
+    std::size_t rows, masked;       // blocks fitted; full-rate rows masked
+    // this joint's own scale of the gravity torque, to be held against the chain's; NaN when the
+    // file has no masses or the joint carries no load
+    double gravity_scale, gravity_scale_sigma;
+    // for pictures, test runs if given, else fit runs; friction is what the other terms leave
+    std::vector<double> t_s, q_rad, v_radps, measured_nm, residual_before_nm, residual_after_nm, friction_nm;
 };
 
 struct IdentResult {
     ArmFile model;
     std::vector<JointFit> joints;
+    std::vector<FitParameter> chain; // gravity_scale, or the base parameters chosen
+    std::vector<std::string> notes;  // sentences: what could not be told, and why
 };
 
 // Throws InputError when the runs do not fit the arm.

@@ -1,0 +1,474 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What is fitted, what the data cannot tell, and the error before and after.
+//
+// A number counts as excited when it stands three sigma from zero, or when its sigma is below half
+// of what the file says.  Otherwise the file's number is kept, or none is introduced, and the rest
+// is fitted again.
+//
+// Owns: the order of decisions.
+// Never: names a missing effect.
+#include "model/ident.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "model/ident_model.hpp"
+
+namespace hdt {
+
+using Eigen::Index;
+using Eigen::VectorXd;
+using namespace fit;
+
+namespace {
+
+constexpr Index min_blocks = 50;        // of a joint
+constexpr Index min_way_blocks = 30;    // in one direction
+constexpr Index min_region_blocks = 20; // per line of stiffness
+constexpr double clear_sigmas = 3;
+constexpr double useful_sigma = 0.5;    // of the file's number
+constexpr double scale_sigma_max = 0.1;
+constexpr double loaded_nm = 0.5;       // rms gravity torque that can show a scale
+constexpr int rounds_max = 12, searches_max = 5;
+constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
+
+std::string joint_name(int joint) { return "joint " + std::to_string(joint + 1); }
+
+double rms(const VectorXd &x) { return x.size() > 0 ? std::sqrt(x.squaredNorm() / static_cast<double>(x.size())) : unknown; }
+
+bool excited(double value, double sigma, double prior)
+{
+    return std::fabs(value) > clear_sigmas * sigma || (prior != 0 && sigma < useful_sigma * std::fabs(prior));
+}
+
+// A joint's state with the file's numbers beside it.
+struct Fit {
+    Problem problem;
+    std::vector<JointModel> prior;
+    std::vector<std::string> notes;
+    std::vector<int> candidates;    // base parameters still allowed; empty with known masses
+    bool base = false;
+};
+
+bool spans_regions(const JointRows &r, int way, const hdt_arm_stiffness &k)
+{
+    Index n[3] = {0, 0, 0};
+    for (Index i = 0; i < r.rows(); i++)
+        if (r.share[way][i] > 0.5)
+            n[r.load[i] < k.t1_nm ? 0 : r.load[i] <= k.t2_nm ? 1 : 2]++;
+    return std::min({n[0], n[1], n[2]}) >= min_region_blocks;
+}
+
+void set_free(const hdt_arm_joint &joint, JointFitState *j)
+{
+    JointModel &m = j->model;
+    for (int way = 0; way < 2; way++) {
+        bool moved = (j->rows.share[way].array() > 0.5).count() >= min_way_blocks;
+        m.free_f0[way] = m.free_fv[way] = m.free_fs[way] = moved;
+    }
+    if (m.has_stiffness) {
+        bool both = spans_regions(j->rows, 0, m.stiffness[0]) && spans_regions(j->rows, 1, m.stiffness[1]);
+        m.free_stiffness[0] = m.free_stiffness[1] = both;
+    }
+    double range = j->rows.q.maxCoeff() - j->rows.q.minCoeff();
+    for (int k = 0; k < joint.ripples; k++)
+        m.free_ripple[static_cast<std::size_t>(k)] = joint.ripple[k].order_rev * range > 2 * M_PI;
+}
+
+// The joints asked for, or all that have data.
+std::vector<char> wanted(const hdt_arm &arm, const std::vector<int> &joints)
+{
+    std::vector<char> out(static_cast<std::size_t>(arm.joints), joints.empty());
+    for (int j : joints) {
+        if (j < 1 || j > arm.joints)
+            throw InputError("joints: expected 1 to " + std::to_string(arm.joints) + ", found " + std::to_string(j));
+        out[static_cast<std::size_t>(j - 1)] = 1;
+    }
+    return out;
+}
+
+Fit start(const hdt_arm &arm, std::vector<JointRows> rows, const std::vector<int> &joints)
+{
+    Fit f;
+    std::vector<char> want = wanted(arm, joints);
+    for (std::size_t j = 0; j < rows.size(); j++) {
+        if (!want[j])
+            continue;
+        if (rows[j].rows() < min_blocks) {
+            std::string what = joint_name(static_cast<int>(j)) + ": expected at least " + std::to_string(min_blocks)
+                               + " blocks in motion, found " + std::to_string(rows[j].rows());
+            if (!joints.empty())
+                throw InputError(what + ": log it moving, or leave it out of --joints");
+            f.notes.push_back(what + "; not fitted");
+            continue;
+        }
+        JointFitState s;
+        s.rows = std::move(rows[j]);
+        s.model = model_of(arm.joint[j]);
+        f.prior.push_back(s.model);
+        set_free(arm.joint[j], &s);
+        s.weight = 1 / std::max(1e-9, std::sqrt((s.rows.y.array() - s.rows.y.mean()).square().mean()));
+        f.problem.joint.push_back(std::move(s));
+    }
+    if (f.problem.joint.empty())
+        throw InputError("expected at least one joint with " + std::to_string(min_blocks)
+                         + " blocks in motion, found none: log longer, or move faster than standstill");
+    f.problem.beta = VectorXd::Zero(shared_columns(arm));
+    f.base = !masses_known(arm);
+    if (f.base) {
+        f.candidates = base_candidates(arm);
+        return f;
+    }
+    f.problem.beta[0] = 1;
+    for (const JointFitState &j : f.problem.joint)
+        if (rms(j.rows.shared.col(0)) > loaded_nm)
+            f.problem.shared_free = {0};
+    if (f.problem.shared_free.empty())
+        f.notes.push_back("gravity scale: no joint carries load; not excited");
+    return f;
+}
+
+// Solve; a number whose column depends on others goes back to the file's.
+void solve_all(Fit *f)
+{
+    for (;;) {
+        std::vector<std::pair<std::size_t, Column>> released = solve(&f->problem);
+        if (released.empty())
+            return;
+        for (const auto &[k, c] : released)
+            restore(f->prior[k], c, &f->problem.joint[k].model);
+    }
+}
+
+void reweight(Problem *p)
+{
+    for (JointFitState &j : p->joint)
+        j.weight = 1 / std::max(1e-9, j.rms);
+}
+
+// Choose base parameters for the present friction, without those that came out impossible.
+void choose_base(const hdt_arm &arm, Fit *f)
+{
+    Problem &p = f->problem;
+    for (;;) {
+        p.beta.setZero();
+        p.shared_free.clear();
+        std::vector<int> order = shared_order(p, f->candidates);
+        order.resize(shared_count(p, order));
+        std::sort(order.begin(), order.end());
+        p.shared_free = order;
+        solve_all(f);
+        // a rotor turns with positive inertia
+        std::vector<int> keep;
+        for (int c : f->candidates)
+            if (rotor_column(arm, c) < 0 || p.beta[c] >= 0)
+                keep.push_back(c);
+        if (keep.size() == f->candidates.size())
+            return;
+        f->candidates = keep;
+    }
+}
+
+void iterate(const hdt_arm &arm, Fit *f)
+{
+    for (int k = 0; k < searches_max; k++) {
+        if (f->base)
+            choose_base(arm, f);
+        solve_all(f);
+        reweight(&f->problem);
+        if (!search_stribeck(&f->problem))
+            break;
+    }
+    solve_all(f);
+}
+
+void release_stribeck(const JointModel &prior, int way, JointModel *m)
+{
+    m->free_fs[way] = false;
+    m->friction[way].fs_nm = prior.friction[way].fs_nm;
+    m->friction[way].vc_radps = prior.friction[way].vc_radps;
+}
+
+// Friction opposes motion at every speed the joint may have.
+bool out_of_bounds(const hdt_arm_friction &f, double v_max)
+{
+    for (int k = 0; k <= 20; k++)
+        if (stribeck_nm(f, v_max * k / 20) < 0)
+            return true;
+    return f.f0_nm < 0;
+}
+
+bool enforce_bounds(const JointModel &prior, JointFitState *j)
+{
+    JointModel &m = j->model;
+    bool changed = false;
+    double v_max = std::max(j->rows.speed[0].maxCoeff(), j->rows.speed[1].maxCoeff());
+    for (int way = 0; way < 2; way++) {
+        if (!m.free_f0[way] || !out_of_bounds(m.friction[way], v_max))
+            continue;
+        // Stribeck and slope first: they are what extrapolates
+        if (m.free_fs[way]) {
+            release_stribeck(prior, way, &m);
+            changed = true;
+        } else if (m.free_fv[way] && m.friction[way].fv_nmspr < 0) {
+            m.free_fv[way] = false;
+            m.friction[way].fv_nmspr = std::max(0.0, prior.friction[way].fv_nmspr);
+            changed = true;
+        }
+    }
+    return changed;
+}
+
+// One decision a joint and round, the least identifiable first.
+bool judge_friction(const JointModel &prior, JointFitState *j)
+{
+    JointModel &m = j->model;
+    bool changed = false;
+    for (int way = 0; way < 2; way++)
+        if (m.free_fs[way] && !excited(m.friction[way].fs_nm, sigma_of(*j, FS, way, 0), prior.friction[way].fs_nm)) {
+            release_stribeck(prior, way, &m);
+            changed = true;
+        }
+    if (changed)
+        return true;
+    for (int way = 0; way < 2; way++)
+        if (m.free_fv[way] && !excited(m.friction[way].fv_nmspr, sigma_of(*j, FV, way, 0), prior.friction[way].fv_nmspr)) {
+            m.free_fv[way] = false;
+            m.friction[way].fv_nmspr = prior.friction[way].fv_nmspr;
+            changed = true;
+        }
+    return changed;
+}
+
+bool judge_ripple(const JointModel &prior, JointFitState *j)
+{
+    JointModel &m = j->model;
+    bool changed = false;
+    for (std::size_t k = 0; k < m.free_ripple.size(); k++) {
+        if (!m.free_ripple[k])
+            continue;
+        int line = static_cast<int>(k);
+        double sigma = std::max(sigma_of(*j, RIPPLE_SIN, 0, line), sigma_of(*j, RIPPLE_COS, 0, line));
+        double now = std::hypot(m.ripple[2 * k], m.ripple[2 * k + 1]);
+        double was = std::hypot(prior.ripple[2 * k], prior.ripple[2 * k + 1]);
+        if (excited(now, sigma, was))
+            continue;
+        m.free_ripple[k] = 0;
+        m.ripple[2 * k] = prior.ripple[2 * k];
+        m.ripple[2 * k + 1] = prior.ripple[2 * k + 1];
+        changed = true;
+    }
+    return changed;
+}
+
+// Kept where the data cannot tell; taken out where they can and show nothing.
+bool judge_stiffness(const JointModel &prior, JointFitState *j, std::vector<std::string> *notes)
+{
+    JointModel &m = j->model;
+    bool changed = false;
+    for (int way = 0; way < 2; way++) {
+        if (!m.free_stiffness[way])
+            continue;
+        double s[2] = {sigma_of(*j, KINK_1, way, 0), sigma_of(*j, KINK_2, way, 0)};
+        bool clear = std::fabs(m.kink[way][0]) > clear_sigmas * s[0] || std::fabs(m.kink[way][1]) > clear_sigmas * s[1];
+        if (clear)
+            continue;
+        m.free_stiffness[way] = false;
+        changed = true;
+        double largest = std::max(std::fabs(prior.kink[way][0]), std::fabs(prior.kink[way][1]));
+        if (std::max(s[0], s[1]) < useful_sigma * largest) {
+            m.stiffness[way].slope[0] = m.stiffness[way].slope[1] = m.stiffness[way].slope[2] = 0;
+            m.stiffness[way].zero_nm = 0;
+            m.kink[way][0] = m.kink[way][1] = 0;
+            notes->push_back(joint_name(j->rows.joint) + ": the soft wind-up the file declares is not in the data ("
+                             + (way == 0 ? "positive" : "negative") + " direction); taken out");
+        } else {
+            m.kink[way][0] = prior.kink[way][0];
+            m.kink[way][1] = prior.kink[way][1];
+        }
+    }
+    return changed;
+}
+
+bool judge_scale(Fit *f)
+{
+    Problem &p = f->problem;
+    if (f->base || p.shared_free.empty())
+        return false;
+    std::string why;
+    if (!(p.beta_sigma[0] < scale_sigma_max))
+        why = "not excited";
+    else if (!(p.beta[0] > 0))
+        why = "measured torque opposes gravity: check sign and zero of the joints";
+    if (why.empty())
+        return false;
+    p.shared_free.clear();
+    p.beta[0] = 1;
+    f->notes.push_back("gravity scale: " + why + "; the masses were kept");
+    return true;
+}
+
+bool judge(Fit *f)
+{
+    bool changed = judge_scale(f);
+    for (std::size_t k = 0; k < f->problem.joint.size(); k++) {
+        JointFitState *j = &f->problem.joint[k];
+        changed = judge_friction(f->prior[k], j) || changed;
+        changed = judge_ripple(f->prior[k], j) || changed;
+        changed = judge_stiffness(f->prior[k], j, &f->notes) || changed;
+    }
+    return changed;
+}
+
+void run_fit(const hdt_arm &arm, Fit *f)
+{
+    for (int round = 0; round < rounds_max; round++) {
+        iterate(arm, f);
+        bool changed = false;
+        for (std::size_t k = 0; k < f->problem.joint.size(); k++)
+            changed = enforce_bounds(f->prior[k], &f->problem.joint[k]) || changed;
+        if (changed)
+            continue;
+        estimate_sigma(&f->problem);
+        if (!judge(f))
+            return;
+    }
+    solve_all(f);
+    estimate_sigma(&f->problem);
+}
+
+// This joint's own gravity scale, all its other numbers free beside it.
+void own_scale(const Problem &p, std::size_t k, JointFit *out)
+{
+    out->gravity_scale = out->gravity_scale_sigma = unknown;
+    if (p.beta.size() != 1 || rms(p.joint[k].rows.shared.col(0)) <= loaded_nm)
+        return;
+    Problem one;
+    one.joint = {p.joint[k]};
+    one.shared_free = {0};
+    one.beta = one.beta_sigma = VectorXd::Ones(1);
+    solve(&one);
+    estimate_sigma(&one);
+    out->gravity_scale = one.beta[0];
+    out->gravity_scale_sigma = one.beta_sigma[0];
+}
+
+void take(const VectorXd &x, std::vector<double> *to) { to->assign(x.data(), x.data() + x.size()); }
+
+// Errors and pictures: the arm as it was and as it is now on the same rows.
+void compare(const std::vector<JointRows> &before, const std::vector<JointRows> &after, bool held_out, JointFit *out)
+{
+    const JointRows &b = before[static_cast<std::size_t>(out->joint - 1)];
+    const JointRows &a = after[static_cast<std::size_t>(out->joint - 1)];
+    VectorXd rb = b.measured - b.declared, ra = a.measured - a.declared;
+    (held_out ? out->held_out_before_nm : out->rms_before_nm) = rms(rb);
+    (held_out ? out->held_out_after_nm : out->rms_after_nm) = rms(ra);
+    if (b.rows() == 0)
+        return;
+    // runs one after the other on one axis
+    VectorXd t = b.t_s;
+    double shift = 0;
+    for (Index i = 1; i < t.size(); i++) {
+        if (b.t_s[i] < b.t_s[i - 1])
+            shift += b.t_s[i - 1];
+        t[i] += shift;
+    }
+    take(t, &out->t_s);
+    take(b.q, &out->q_rad);
+    take(b.v, &out->v_radps);
+    take(b.measured, &out->measured_nm);
+    take(rb, &out->residual_before_nm);
+    take(ra, &out->residual_after_nm);
+    take(a.friction, &out->friction_nm);
+}
+
+std::string file_names(const std::vector<Run> &runs)
+{
+    std::string out;
+    for (const Run &r : runs)
+        out += (out.empty() ? "" : ", ") + r.path.substr(r.path.find_last_of('/') + 1);
+    return out.size() > 300 ? out.substr(0, 300) + " ..." : out;
+}
+
+void scale_notes(const Problem &p, const std::vector<JointFit> &joints, std::vector<std::string> *notes)
+{
+    for (const JointFit &j : joints)
+        if (std::isfinite(j.gravity_scale)
+            && std::fabs(j.gravity_scale - p.beta[0]) > clear_sigmas * j.gravity_scale_sigma + 0.02)
+            notes->push_back(joint_name(j.joint - 1) + ": its own gravity scale is " + std::to_string(j.gravity_scale)
+                             + ", the chain's " + std::to_string(p.beta[0])
+                             + ": one scale for all masses does not describe this arm");
+}
+
+void check_arm(const hdt_arm &arm)
+{
+    if (masses_known(arm))
+        return;
+    for (int j = 0; j < arm.joints; j++)
+        if (arm.joint[j].has_stiffness || arm.joint[j].load_mu != 0)
+            throw InputError(std::string(arm.path) + ": joint." + std::to_string(j + 1) + ": expected link masses, "
+                             "which stiffness lines and load_friction need, found none: give them or remove the term");
+}
+
+} // namespace
+
+IdentResult identify(const ArmFile &file, const std::vector<Run> &fit_runs, const std::vector<Run> &test_runs,
+                     const IdentOptions &options)
+{
+    const hdt_arm &arm = file.arm();
+    check_arm(arm);
+    if (fit_runs.empty())
+        throw InputError("expected at least one run to fit, found none");
+    ConditionOptions how;
+    how.block_s = options.block_s;
+    how.reversal_guard_s = options.reversal_guard_s;
+    std::vector<Conditioned> fit_data = condition_all(fit_runs, arm, how), test_data = condition_all(test_runs, arm, how);
+    std::vector<JointRows> rows = make_rows(arm, fit_data, true);
+    std::vector<JointRows> before = rows;
+    Fit f = start(arm, std::move(rows), options.joints);
+    run_fit(arm, &f);
+
+    IdentResult out{file, {}, {}, f.notes};
+    out.model.set_text("sources.IDENT", "hdt ident on " + file_names(fit_runs));
+    if (f.base)
+        out.chain = write_base(f.problem, &out.model);
+    else {
+        bool scaled = !f.problem.shared_free.empty();
+        out.chain.push_back({"gravity_scale", "1", f.problem.beta[0], scaled ? f.problem.beta_sigma[0] : unknown, scaled});
+        if (scaled)
+            write_scale(f.problem, &out.model);
+    }
+    for (std::size_t k = 0; k < f.problem.joint.size(); k++) {
+        JointFit j = {};
+        const JointRows &r = f.problem.joint[k].rows;
+        j.joint = r.joint + 1;
+        j.rows = static_cast<std::size_t>(r.rows());
+        j.masked = r.masked;
+        j.parameters = write_joint(f.problem.joint[k], &out.model, &out.notes);
+        j.held_out_before_nm = j.held_out_after_nm = unknown;
+        own_scale(f.problem, k, &j);
+        out.joints.push_back(j);
+    }
+    if (!f.base)
+        scale_notes(f.problem, out.joints, &out.notes);
+    if (fit_runs.size() < 4)
+        out.notes.push_back("fewer than four runs: sigma does not hold scatter from run to run");
+    out.model.refresh();
+
+    std::vector<JointRows> after = make_rows(out.model.arm(), fit_data, false);
+    std::vector<JointRows> test_before, test_after;
+    if (!test_data.empty()) {
+        test_before = make_rows(arm, test_data, false);
+        test_after = make_rows(out.model.arm(), test_data, false);
+    }
+    for (JointFit &j : out.joints) {
+        compare(before, after, false, &j);
+        if (!test_data.empty())
+            compare(test_before, test_after, true, &j);
+    }
+    return out;
+}
+
+} // namespace hdt
