@@ -5,14 +5,9 @@
 // The control thread only sleeps, runs drv_host_period and pushes records; everything that may
 // block (files, terminal) is in the thread that drains the ring.
 #include <atomic>
-#include <cerrno>
 #include <cstdio>
-#include <cstring>
 #include <memory>
 #include <thread>
-
-#include <sched.h>
-#include <sys/mman.h>
 
 #include "tools/hdt_cli.hpp"
 #include "tools/hdt_rig.hpp"
@@ -27,18 +22,6 @@ struct HostOptions {
 };
 
 struct Timing { uint64_t late_periods = 0, worst_wake_ns = 0; };
-
-// Priority and locked memory where the system lets us; says what it got.
-void go_real_time()
-{
-    sched_param priority = {};
-    priority.sched_priority = 80;
-    if (sched_setscheduler(0, SCHED_FIFO, &priority) != 0)
-        std::fprintf(stderr, "hdt host: no real-time priority (%s): running as an ordinary process\n",
-                     std::strerror(errno));
-    if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0)
-        std::fprintf(stderr, "hdt host: memory not locked (%s)\n", std::strerror(errno));
-}
 
 // Absolute-time periods until the run ends.  A period missed is skipped, not run twice in a row.
 Timing control(drv_host &host, uint32_t period_ns)
@@ -113,7 +96,7 @@ int run(const HostOptions &o)
                 std::this_thread::sleep_for(std::chrono::milliseconds(20));
         }
     });
-    go_real_time();
+    rig::go_real_time("hdt host", 80);
     Timing timing = control(*host, tables.period_ns);
     running = false;
     log_thread.join();

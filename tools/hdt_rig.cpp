@@ -3,11 +3,16 @@
 #include "tools/hdt_rig.hpp"
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <fstream>
 #include <functional>
 #include <random>
+
+#include <sched.h>
+#include <sys/mman.h>
 
 #include "model/arm_file.hpp"
 
@@ -334,6 +339,17 @@ drv_writer *open_log(const std::string &path, const hdt_tables &tables, const hd
     if (writer == nullptr)
         throw InputError(error);
     return writer;
+}
+
+void go_real_time(const char *who, int priority)
+{
+    sched_param parameter = {};
+    parameter.sched_priority = priority;
+    if (sched_setscheduler(0, SCHED_FIFO, &parameter) != 0)
+        std::fprintf(stderr, "%s: no real-time priority (%s): running as an ordinary process\n", who,
+                     std::strerror(errno));
+    if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0)
+        std::fprintf(stderr, "%s: memory not locked (%s)\n", who, std::strerror(errno));
 }
 
 int explain_end(const char *who, const drv_host &host)

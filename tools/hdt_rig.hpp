@@ -67,6 +67,10 @@ void hide_all(plant_model &plant, const hdt_arm &arm, const std::vector<std::str
 drv_writer *open_log(const std::string &path, const hdt_tables &tables, const hdt_arm &arm,
                      const std::vector<std::string> &head, bool terms);
 
+// Real-time priority for the calling thread and locked memory where the system lets us; says on
+// stderr what it does not get.
+void go_real_time(const char *who, int priority);
+
 // Say on stderr why a run ended early, if it did; returns the exit code.
 int explain_end(const char *who, const drv_host &host);
 

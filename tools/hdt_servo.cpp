@@ -62,6 +62,7 @@ int run(const ServoOptions &o)
     char error[512];
     if (hdt_bus_open(&bus, o.bus.c_str(), HDT_BUS_SERVO, error, sizeof error) != 0)
         throw InputError(error);
+    rig::go_real_time("hdt servo", 81);
     int code = serve(*driver, bus, o.seconds);
     hdt_bus_close(&bus);
     return code;
