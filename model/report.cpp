@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -35,7 +36,7 @@ constexpr int colors = static_cast<int>(sizeof palette / sizeof palette[0]);
 constexpr int first_free_color = 3;
 
 constexpr int page_px = 900;
-constexpr std::size_t points_max = 1200;   // of all Points series of a plot: some 100 bytes each
+constexpr std::size_t points_max = 4000;   // of all Points series of a plot: some 28 bytes each
 constexpr std::size_t vertices_max = 5000; // of all other series: some 15 bytes each
 
 const char *const style_sheet = R"(
@@ -195,21 +196,44 @@ std::vector<Point> thin_path(const std::vector<Point> &data, const Box &box, con
     }
 }
 
-// One point a cell, the cell growing until they fit: the cloud keeps its outline and its outliers.
+// A deterministic order without pattern, so that what is left out leaves no lattice behind.
+std::vector<std::size_t> shuffled(std::size_t count)
+{
+    std::vector<std::size_t> order(count);
+    uint64_t state = 1;
+    for (std::size_t i = 0; i < count; ++i) {
+        state = state * 6364136223846793005u + 1442695040888963407u;
+        const std::size_t k = static_cast<std::size_t>((state >> 33) % (i + 1));
+        order[i] = order[k];
+        order[k] = i;
+    }
+    return order;
+}
+
+// A cloud keeps its outline and outliers, one point of each cell, and its density, a sample of the rest.
 std::vector<Point> thin_cloud(const std::vector<Point> &data, const Box &box, const Plot &p, std::size_t most)
 {
     const double xs = p.width_px / std::max(box.xmax - box.xmin, 1e-300),
                  ys = p.height_px / std::max(box.ymax - box.ymin, 1e-300);
-    for (double cell_px = 1;; cell_px *= 1.25) {
-        std::vector<Point> out;
+    const auto one_a_cell = [&](const std::vector<std::size_t> &order, double cell_px) {
         std::set<std::pair<double, double>> taken;
-        for (const Point &q : data)
-            if (!is_gap(q) && taken.emplace(std::floor((q.x - box.xmin) * xs / cell_px),
-                                            std::floor((q.y - box.ymin) * ys / cell_px)).second)
-                out.push_back(q);
-        if (out.size() <= most)
-            return out;
-    }
+        std::vector<std::size_t> kept;
+        for (const std::size_t i : order)
+            if (!is_gap(data[i]) && taken.emplace(std::floor((data[i].x - box.xmin) * xs / cell_px),
+                                                  std::floor((data[i].y - box.ymin) * ys / cell_px)).second)
+                kept.push_back(i);
+        return kept;
+    };
+    std::vector<std::size_t> visible = one_a_cell(shuffled(data.size()), 0.5), kept = visible;
+    for (double cell_px = 2; kept.size() > most / 2 && visible.size() > most; cell_px *= 1.4)
+        kept = one_a_cell(visible, cell_px);
+    std::set<std::size_t> chosen(kept.begin(), kept.end());
+    for (std::size_t k = 0; k < visible.size() && chosen.size() < most; ++k)
+        chosen.insert(visible[k]);
+    std::vector<Point> out;
+    for (const std::size_t i : chosen)
+        out.push_back(data[i]);
+    return out;
 }
 
 // ---- gnuplot ----
@@ -229,15 +253,20 @@ std::string quoted(const std::string &text)
 std::string number(double x)
 {
     char buffer[32];
-    std::snprintf(buffer, sizeof buffer, "%.9g", x);
+    std::snprintf(buffer, sizeof buffer, "%.12g", x);
     return buffer;
 }
 
-std::string data_block(std::size_t index, const std::vector<Point> &data)
+// A point of a cloud is drawn as a line too short to see, with round ends: a quarter of the bytes of
+// gnuplot's own points.
+std::string data_block(std::size_t index, const std::vector<Point> &data, double dot)
 {
     std::string out = "$d" + std::to_string(index) + " << EOD\n";
-    for (const Point &p : data)
+    for (const Point &p : data) {
         out += is_gap(p) ? "\n" : number(p.x) + " " + number(p.y) + "\n";
+        if (dot > 0)
+            out += number(p.x + dot) + " " + number(p.y) + "\n\n";
+    }
     return out + "EOD\n";
 }
 
@@ -247,17 +276,32 @@ std::string style_of(Series::Style style, int color)
     // the second time round the palette, lines are dashed
     const std::string dash = color >= colors ? " dt 2" : "";
     switch (style) {
-    case Series::Points: return "points pt 7 ps 0.28" + ink;
+    case Series::Points: return "lines lw 2.2" + ink;
     case Series::Steps: return "steps lw 1.4" + ink + dash;
     case Series::Impulses: return "impulses lw 1.6" + ink;
     default: return "lines lw 1.4" + ink + dash;
     }
 }
 
-std::string axes(const Plot &p, bool key)
+// A step between tics that people count in, for `count` tics or fewer.
+double tic_step(double range, int count)
+{
+    const double least = range / count, power = std::pow(10, std::floor(std::log10(least)));
+    for (const double step : {1.0, 2.0, 5.0})
+        if (step * power >= least)
+            return step * power;
+    return 10 * power;
+}
+
+bool has_impulses(const Plot &p)
+{
+    return std::any_of(p.series.begin(), p.series.end(), [](const Series &x) { return x.style == Series::Impulses; });
+}
+
+std::string axes(const Plot &p, const Box &box, bool key)
 {
     std::string s = "set terminal svg size " + std::to_string(p.width_px) + "," + std::to_string(p.height_px) +
-                    " dynamic noenhanced font 'sans-serif,12'\nset encoding utf8\n"
+                    " dynamic rounded noenhanced font 'sans-serif,12'\nset encoding utf8\n"
                     "set border 3 lw 0.8 lc rgb '#555555'\nset tics nomirror out scale 0.6 textcolor rgb '#333333'\n"
                     "set grid lw 0.5 lc rgb '#dddddd' dt 1\nset autoscale xfix\n";
     s += key ? "set key tmargin left horizontal Left reverse samplen 1.6 width 1\n" : "unset key\n";
@@ -266,10 +310,15 @@ std::string axes(const Plot &p, bool key)
         s += "set xrange [" + number(p.xmin) + ":" + number(p.xmax) + "]\n";
     if (p.ymin < p.ymax)
         s += "set yrange [" + number(p.ymin) + ":" + number(p.ymax) + "]\n";
+    else if (!p.log_y && box.ymin >= 0 && has_impulses(p))
+        s += "set yrange [0:*]\n";
     else if (!p.log_y)
         s += "set offsets graph 0, graph 0, graph 0.04, graph 0.04\n";
-    if (p.equal_axes)
-        s += "set size ratio -1\n";
+    const double widest = std::max(box.xmax - box.xmin, box.ymax - box.ymin);
+    if (p.equal_axes && widest > 0) {
+        const std::string step = number(tic_step(widest, 6));
+        s += "set size ratio -1\nset xtics " + step + "\nset ytics " + step + "\n";
+    }
     s += p.log_y ? "set logscale y\n" : "set xzeroaxis lt 1 lw 0.8 lc rgb '#999999'\n";
     return s;
 }
@@ -462,17 +511,31 @@ void Report::table(const std::vector<std::vector<std::string>> &rows, const std:
     body_ += rows.empty() ? "</table></div>\n" : "</tbody>\n</table></div>\n";
 }
 
-int Report::color_of(const Series &s)
+std::vector<int> Report::colors_of(const Plot &p)
 {
-    if (s.color >= 0)
-        return s.color;
     static const struct { const char *word; int color; } meanings[] = {
         {"before", PALETTE_BEFORE}, {"after", PALETTE_AFTER}, {"measured", PALETTE_MEASURED}, {"reference", PALETTE_MEASURED}};
-    for (const auto &m : meanings)
-        if (s.title.find(m.word) != std::string::npos)
-            return m.color;
-    const int next = first_free_color + static_cast<int>(color_by_title_.size());
-    return color_by_title_.emplace(s.title, next).first->second;
+    std::vector<int> out;
+    for (const Series &s : p.series) {
+        int color = s.color;
+        for (const auto &m : meanings)
+            if (color < 0 && s.title.find(m.word) != std::string::npos)
+                color = m.color;
+        const auto known = color_by_title_.find(s.title);
+        if (color < 0 && known != color_by_title_.end())
+            color = known->second;
+        out.push_back(color);
+    }
+    // a new title gets the first colour nobody in this plot has
+    for (std::size_t i = 0; i < out.size(); ++i) {
+        if (out[i] >= 0)
+            continue;
+        out[i] = first_free_color;
+        while (std::count(out.begin(), out.end(), out[i]) > 1)
+            ++out[i];
+        color_by_title_.emplace(p.series[i].title, out[i]);
+    }
+    return out;
 }
 
 std::string Report::figure(const Plot &p)
@@ -491,23 +554,29 @@ std::string Report::figure(const Plot &p)
     if (clouds + lines == 0)
         return open + "<p class=\"none\">no data</p></figure>\n";
 
+    const std::vector<int> color = colors_of(p);
+    const double dot = 0.05 * (box.xmax > box.xmin ? box.xmax - box.xmin : 1) / p.width_px;
+    const std::size_t columns = std::min(static_cast<std::size_t>(p.width_px), vertices_max / 2 / std::max<std::size_t>(lines, 1));
     std::string blocks, draw;
     for (std::size_t i = 0; i < data.size(); ++i) {
         const Series &s = p.series[i];
         if (data[i].empty())
             continue;
-        const std::size_t columns = std::min(static_cast<std::size_t>(p.width_px), vertices_max / 2 / std::max<std::size_t>(lines, 1));
-        if (s.style == Series::Points)
+        const bool cloud = s.style == Series::Points;
+        if (cloud)
             data[i] = thin_cloud(data[i], box, p, points_max / clouds);
         else if (x_never_goes_back(data[i]))
             data[i] = thin_columns(data[i], box, columns);
         else
             data[i] = thin_path(data[i], box, p, 2 * columns);
-        blocks += data_block(i, data[i]);
-        draw += (draw.empty() ? "plot $d" : ", $d") + std::to_string(i) + " using 1:2 with " + style_of(s.style, color_of(s)) +
-                (s.title.empty() ? " notitle" : " title " + quoted(s.title) + " noenhanced");
+        blocks += data_block(i, data[i], cloud ? dot : 0);
+        const std::string title = s.title.empty() ? " notitle" : " title " + quoted(s.title) + " noenhanced";
+        draw += (draw.empty() ? "plot $d" : ", $d") + std::to_string(i) + " using 1:2 with " + style_of(s.style, color[i]) +
+                (cloud ? " notitle" : title);
+        if (cloud && !s.title.empty())
+            draw += ", keyentry with points pt 7 ps 0.5 lc rgb '" + std::string(palette[color[i] % colors]) + "'" + title;
     }
-    return open + inline_svg(run_gnuplot(axes(p, key) + blocks + draw + "\n"), ++figures_, p) + "</figure>\n";
+    return open + inline_svg(run_gnuplot(axes(p, box, key) + blocks + draw + "\n"), ++figures_, p) + "</figure>\n";
 }
 
 void Report::plot(const Plot &p) { body_ += figure(p); }

@@ -34,8 +34,8 @@ struct Plot {
     bool log_y = false;             // what is not positive is a gap
 };
 
-// All text is plain text, escaped here.  Long series are thinned so that no picture changes by more
-// than a pixel's width: lines to the least and greatest of each pixel column, points to one a cell.
+// All text is plain text, escaped here.  Long series are thinned: lines keep the
+// least and greatest of each pixel column, a cloud of points keeps its outline and a sample.
 class Report {
 public:
     explicit Report(const std::string &title);
@@ -57,7 +57,7 @@ private:
     int figures_ = 0;
 
     std::string figure(const Plot &p);
-    int color_of(const Series &s);
+    std::vector<int> colors_of(const Plot &p);
 };
 
 // So many significant digits, for people: no exponent between 1e-4 and 1e9, no trailing noise;
