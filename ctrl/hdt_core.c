@@ -10,7 +10,11 @@
 #include "ctrl/hdt_gate.h"
 #include "ctrl/hdt_vel.h"
 
-#define HAS(terms, t) (((terms) >> (t)) & 1u)
+#define USE(term) (1u << (term))
+
+/* wind-up and load friction need the holding torque whether or not it is itself commanded */
+#define NEED_GRAVITY (USE(HDT_TERM_GRAVITY) | USE(HDT_TERM_STIFFNESS) | USE(HDT_TERM_LOAD))
+#define NEED_ANGLES (NEED_GRAVITY | USE(HDT_TERM_INERTIA))
 
 /* velocity mode: speed added per position error, 1/s */
 #define VELOCITY_KPOS 4
@@ -122,45 +126,42 @@ static void measure(hdt_t *h, const struct hdt_in *in, struct hdt_motion m[], st
         m[j].v_ref_q24 = in->v_ref[j].raw;
         m[j].a_ref_q16 = in->a_ref[j].raw;
         m[j].dir_q30 = hdt_comp_direction_q30(tab, m[j].v_ref_q24);
-        m[j].travel_q40 = pass_travel(h, j, m[j].v_ref_q24, period_q32);
-        m[j].cold_q30 = cold_share(h, j);
-        hdt_sin_cos(hdt_comp_phase(tab->phase_per_count_q24, m[j].turned), &m[j].sin_q30, &m[j].cos_q30);
+        if (tab->terms & USE(HDT_TERM_PRESLIDING))
+            m[j].travel_q40 = pass_travel(h, j, m[j].v_ref_q24, period_q32);
+        if (tab->terms & USE(HDT_TERM_TEMPERATURE))
+            m[j].cold_q30 = cold_share(h, j);
+        if (h->terms & NEED_ANGLES)
+            hdt_sin_cos(hdt_comp_phase(tab->phase_per_count_q24, m[j].turned), &m[j].sin_q30, &m[j].cos_q30);
         out->q[j].raw = m[j].q_q24;
         out->v[j].raw = m[j].v_q24;
     }
 }
 
-/* Every term of one joint; gravity and inertia of the chain come in. */
+/* Every term joint j uses, into out; gravity and inertia of the chain come in. */
 static void joint_terms(const struct hdt_joint_tab *tab, const struct hdt_motion *m, int32_t gravity,
-                        int32_t inertia, int32_t term[HDT_TERMS])
+                        int32_t inertia, uint32_t j, struct hdt_out *out)
 {
     const uint32_t has = tab->terms;
-    if (HAS(has, HDT_TERM_GRAVITY))
-        term[HDT_TERM_GRAVITY] = gravity;
-    if (HAS(has, HDT_TERM_INERTIA))
-        term[HDT_TERM_INERTIA] = hdt_sat((int64_t)inertia + hdt_mul(tab->rotor_q20, m->a_ref_q16, 20));
-    if (HAS(has, HDT_TERM_FRICTION))
-        term[HDT_TERM_FRICTION] = hdt_comp_friction(tab, m);
-    if (HAS(has, HDT_TERM_RIPPLE))
-        term[HDT_TERM_RIPPLE] = hdt_comp_ripple(tab, m);
-    if (HAS(has, HDT_TERM_STIFFNESS))
-        term[HDT_TERM_STIFFNESS] = hdt_comp_stiffness(tab, m, gravity);
-    if (HAS(has, HDT_TERM_LINES))
-        term[HDT_TERM_LINES] = hdt_comp_lines(tab, m);
-    if (HAS(has, HDT_TERM_LOAD))
-        term[HDT_TERM_LOAD] = hdt_comp_load(tab, m, gravity);
-    if (HAS(has, HDT_TERM_TEMPERATURE))
-        term[HDT_TERM_TEMPERATURE] = hdt_comp_temperature(tab, m);
-    if (HAS(has, HDT_TERM_PRESLIDING))
-        term[HDT_TERM_PRESLIDING] = hdt_comp_presliding(tab, m);
-    if (HAS(has, HDT_TERM_SPRING))
-        term[HDT_TERM_SPRING] = hdt_comp_spring(tab, m);
-    if (HAS(has, HDT_TERM_OFFSET))
-        term[HDT_TERM_OFFSET] = tab->offset_q16;
-    if (HAS(has, HDT_TERM_P))
-        term[HDT_TERM_P] = hdt_comp_p(tab, m);
-    if (HAS(has, HDT_TERM_D))
-        term[HDT_TERM_D] = hdt_comp_d(tab, m);
+    int64_t total = 0;
+
+#define TERM(t, value) \
+    if ((has >> (t)) & 1u) \
+        total += out->term[t][j].raw = (value)
+    TERM(HDT_TERM_GRAVITY, gravity);
+    TERM(HDT_TERM_INERTIA, hdt_sat((int64_t)inertia + hdt_mul(tab->rotor_q20, m->a_ref_q16, 20)));
+    TERM(HDT_TERM_FRICTION, hdt_comp_friction(tab, m));
+    TERM(HDT_TERM_RIPPLE, hdt_comp_ripple(tab, m));
+    TERM(HDT_TERM_STIFFNESS, hdt_comp_stiffness(tab, m, gravity));
+    TERM(HDT_TERM_LINES, hdt_comp_lines(tab, m));
+    TERM(HDT_TERM_LOAD, hdt_comp_load(tab, m, gravity));
+    TERM(HDT_TERM_TEMPERATURE, hdt_comp_temperature(tab, m));
+    TERM(HDT_TERM_PRESLIDING, hdt_comp_presliding(tab, m));
+    TERM(HDT_TERM_SPRING, hdt_comp_spring(tab, m));
+    TERM(HDT_TERM_OFFSET, tab->offset_q16);
+    TERM(HDT_TERM_P, hdt_comp_p(tab, m));
+    TERM(HDT_TERM_D, hdt_comp_d(tab, m));
+#undef TERM
+    out->total[j].raw = hdt_sat(total);
 }
 
 static void compensate(const hdt_t *h, const struct hdt_motion m[], struct hdt_out *out)
@@ -168,22 +169,12 @@ static void compensate(const hdt_t *h, const struct hdt_motion m[], struct hdt_o
     const struct hdt_tables *t = h->tables;
     int32_t gravity[HDT_JOINTS_MAX] = {0}, inertia[HDT_JOINTS_MAX] = {0};
 
-    /* wind-up and load friction need the holding torque whether or not it is itself commanded */
-    if (h->terms & (1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_STIFFNESS | 1u << HDT_TERM_LOAD))
+    if (h->terms & NEED_GRAVITY)
         hdt_chain_gravity(t, m, gravity);
-    if (HAS(h->terms, HDT_TERM_INERTIA))
+    if (h->terms & USE(HDT_TERM_INERTIA))
         hdt_chain_inertia(t, m, inertia);
-
-    for (uint32_t j = 0; j < t->joints; j++) {
-        int32_t term[HDT_TERMS] = {0};
-        int64_t total = 0;
-        joint_terms(&t->joint[j], &m[j], gravity[j], inertia[j], term);
-        for (int k = 0; k < HDT_TERMS; k++) {
-            out->term[k][j].raw = term[k];
-            total += term[k];
-        }
-        out->total[j].raw = hdt_sat(total);
-    }
+    for (uint32_t j = 0; j < t->joints; j++)
+        joint_terms(&t->joint[j], &m[j], gravity[j], inertia[j], j, out);
 }
 
 int hdt_step(hdt_t *h, const struct hdt_in *in, struct hdt_out *out)

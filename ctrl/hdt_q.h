@@ -30,13 +30,12 @@ typedef struct { int16_t raw; } hdt_spd_t;    /* speed word: 0.0002 rad/s output
 /* Resolver counts in one motor (= wave generator) revolution [pa10: 360/(50*16384) deg a digit]. */
 #define HDT_COUNTS_PER_REV 16384
 
-/* x / 2^n, to the nearest, halves up.  Any x but the last half LSB below 2^63; 1 <= n <= 62.
- * Overflow: none; the negative half is moved up by 2^63 and back, so only unsigned values are
- * shifted. */
+/* x / 2^n, to the nearest, halves up; 1 <= n <= 62.  Only values >= 0 are shifted.
+ * Overflow: x must stay half an LSB, 2^(n-1), below 2^63. */
 static inline int64_t hdt_shr(int64_t x, unsigned n)
 {
-    const uint64_t lift = (uint64_t)1 << 63, half = (uint64_t)1 << (n - 1u);
-    return (int64_t)(((uint64_t)x + lift + half) >> n) - (int64_t)(lift >> n);
+    const int64_t y = x + ((int64_t)1 << (n - 1u));
+    return y >= 0 ? y >> n : ~(~y >> n);
 }
 
 /* Overflow: clamped to +-(2^31 - 1), symmetric so that negation never overflows. */

@@ -120,7 +120,7 @@ START_TEST(test_outside_its_range_a_joint_is_only_pushed_back)
         set_up();
         in.q_ref[0].raw = edge;
         out.q[0].raw = edge;
-        out.total[0].raw = side << 16;
+        out.total[0].raw = side * (1 << 16);
         step();
         ck_assert_int_eq(out.digit[0].raw, side * 20); /* on the edge: let through */
         ck_assert_uint_eq(out.limit[0], 0);
