@@ -125,6 +125,8 @@ void make_chain(const hdt_arm &arm, hdt_tables *t)
 
 // ---- friction ----
 
+constexpr uint32_t finest_shift = 10; // knots over 0.008 rad/s: below any speed of interest
+
 double friction_span_radps(const hdt_arm_joint &joint)
 {
     return std::max(joint.v_max_radps, TableDefaults::friction_span * joint.friction_v_max_radps);
@@ -158,7 +160,7 @@ void make_friction(const hdt_arm_joint &joint, const std::string &key, hdt_joint
     out->terms |= 1u << HDT_TERM_FRICTION;
     // the last slope goes on beyond the last knot, as eq. (7) does: fine knots near zero are worth
     // more than knots up to the last speed, so every spacing is tried
-    for (uint32_t shift = 10; shift <= 24; shift++) {
+    for (uint32_t shift = finest_shift; shift <= 23; shift++) {
         int32_t knots[2][HDT_FRICTION_KNOTS];
         double error = 0;
         for (int way = 0; way < 2; way++) {
@@ -331,6 +333,7 @@ void make_joint(const hdt_arm &arm, int j, hdt_joint_tab *out, hdt_gen_report *r
     const std::string key = "joint." + std::to_string(j + 1) + ".";
     make_scaling(joint, key, out);
     make_limits(arm, joint, key, out);
+    out->friction_shift = finest_shift;
     if (joint.has_friction)
         make_friction(joint, key, out, &report->friction_nm);
     if (joint.ripples > 0)
