@@ -151,29 +151,41 @@ bool x_never_goes_back(const std::vector<Point> &data)
     return true;
 }
 
-// Least and greatest of each of `columns` of the picture, in the order they came; gaps stay.
+// Least and greatest of each of `columns` of the picture, in the order they came.  A gap stays when
+// it is wide enough to be seen.
 std::vector<Point> thin_columns(const std::vector<Point> &data, const Box &box, std::size_t columns)
 {
-    std::vector<Point> out;
     const double scale = static_cast<double>(columns) / std::max(box.xmax - box.xmin, 1e-300);
+    const auto column = [&](std::size_t i) { return std::floor((data[i].x - box.xmin) * scale); };
+    std::vector<Point> out;
+    double before = 0;
     for (std::size_t i = 0; i < data.size();) {
-        if (is_gap(data[i])) {
-            out.push_back(data[i++]);
-            continue;
-        }
-        const double column = std::floor((data[i].x - box.xmin) * scale);
-        std::size_t end = i, least = i, most = i;
-        for (; end < data.size() && !is_gap(data[end]) && std::floor((data[end].x - box.xmin) * scale) <= column; ++end) {
+        const bool gap = is_gap(data[i]);
+        while (i < data.size() && is_gap(data[i]))
+            ++i;
+        if (i == data.size())
+            break;
+        const double here = column(i);
+        std::size_t least = i, most = i, last = i, end = i;
+        for (; end < data.size() && (is_gap(data[end]) || column(end) <= here); ++end) {
+            if (is_gap(data[end]))
+                continue;
             least = data[end].y < data[least].y ? end : least;
             most = data[end].y > data[most].y ? end : most;
+            last = end;
         }
-        // the ends too, so that nothing is drawn across a gap's edge
-        const std::set<std::size_t> keep = {i, least, most, end - 1};
+        const bool opens = out.empty() || (gap && here > before + 1);
+        if (opens && !out.empty())
+            out.push_back({nan, nan});
+        std::set<std::size_t> keep = {least, most};
+        if (opens)
+            keep.insert(i);
+        if (last + 1 == data.size() || is_gap(data[last + 1]))
+            keep.insert(last);
         for (const std::size_t k : keep)
-            if (k == least || k == most || (k == i && (i == 0 || is_gap(data[i - 1]))) ||
-                (k == end - 1 && (end == data.size() || is_gap(data[end]))))
-                out.push_back(data[k]);
-        i = end;
+            out.push_back(data[k]);
+        before = here;
+        i = last + 1;
     }
     return out;
 }
@@ -190,9 +202,15 @@ std::vector<Point> thin_path(const std::vector<Point> &data, const Box &box, con
             if (end || std::hypot((data[i].x - out.back().x) * xs, (data[i].y - out.back().y) * ys) >= step_px)
                 out.push_back(data[i]);
         }
-        // beyond 20 px it is gaps that fill it, and they are the data
-        if (out.size() <= most || step_px > 20)
+        if (out.size() <= most)
             return out;
+        if (step_px > 20) { // a scribble all over the picture: some of it shows as much as all
+            const std::size_t stride = 1 + data.size() / most;
+            out.clear();
+            for (std::size_t i = 0; i < data.size(); i += stride)
+                out.push_back(data[i]);
+            return out;
+        }
     }
 }
 
@@ -238,16 +256,19 @@ std::vector<Point> thin_cloud(const std::vector<Point> &data, const Box &box, co
 
 // ---- gnuplot ----
 
+// All but letters and what is not ASCII as octal escapes: nothing in a text can end the string or be
+// taken for a command.  Digits too, for gnuplot would read them on as part of an escape before them.
 std::string quoted(const std::string &text)
 {
-    std::string out = "'";
+    std::string out = "\"";
     for (const char c : text) {
-        if (c == '\'')
-            out += "''";
-        else
-            out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
+        const unsigned char u = static_cast<unsigned char>(c);
+        const bool plain = u >= 0x80 || (u >= 'A' && u <= 'Z') || (u >= 'a' && u <= 'z');
+        char octal[8];
+        std::snprintf(octal, sizeof octal, "\\%03o", u < 0x20 ? ' ' : u);
+        out += plain ? std::string(1, c) : std::string(octal);
     }
-    return out + "'";
+    return out + "\"";
 }
 
 std::string number(double x)
