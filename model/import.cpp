@@ -10,10 +10,9 @@
 #include <cstring>
 #include <filesystem>
 
-#include <toml++/toml.h>
-
 #include "model/log.hpp"
 #include "model/text.hpp"
+#include "model/toml_parser.hpp"
 
 namespace hdt {
 namespace {
@@ -312,7 +311,9 @@ Map read_map(const std::string &path)
         root_table = toml::parse(read_text(path), path);
     } catch (const toml::parse_error &error) {
         throw InputError(at(path, error.source().begin.line) +
-                         ": not TOML: " + std::string(error.description()));
+                         ": expected valid TOML, found: " + printable(error.description()));
+    } catch (const TomlAssert &error) {
+        throw InputError(path + ": expected valid TOML, found: " + error.what());
     }
     const Key root{map, &root_table, ""};
     root.only({"format", "version", "name", "joints", "drop_last", "shortest", "file",

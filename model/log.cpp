@@ -7,16 +7,12 @@
 #include "model/log.hpp"
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <functional>
 #include <set>
 
-#include <unistd.h>
-
+#include "model/files.hpp"
 #include "model/text.hpp"
 
 namespace hdt {
@@ -93,6 +89,20 @@ bool is_key(std::string_view key)
     });
 }
 
+constexpr const char *log_format = "hdt-log", *log_version = "1";
+
+// These two are about the file, not the run: checked here, written again by write_run.
+bool is_file_constant(const std::string &place, const std::string &key, std::string_view value)
+{
+    if (key != "format" && key != "version")
+        return false;
+    const std::string expected = key == "format" ? log_format : log_version;
+    if (value != expected)
+        throw InputError(place + ": log " + key + ": this program reads " + shown(expected) +
+                         ", found " + shown(value) + "; use the program that wrote it");
+    return true;
+}
+
 // Numbers among the constants that every reader uses: a bad one is found at its own line.
 void check_known_constant(const std::string &place, const Run &run, const std::string &key)
 {
@@ -119,6 +129,8 @@ void read_constant(const std::string &place, std::string_view line, Run &run)
     if (equal == std::string_view::npos || !is_key(trim(line.substr(0, equal))))
         return;
     const std::string key(trim(line.substr(0, equal)));
+    if (is_file_constant(place, key, trim(line.substr(equal + 1))))
+        return;
     if (!run.constants.emplace(key, trim(line.substr(equal + 1))).second)
         throw InputError(place + ": constant " + shown(key) + " is given twice");
     check_known_constant(place, run, key);
@@ -267,6 +279,8 @@ void check_run(const std::string &path,
         if (!is_key(key) || value.find_first_of("\r\n") != std::string::npos)
             throw InputError(path + ": constant " + shown(key) +
                              ": expected a one-word key and a value on one line");
+        if (is_file_constant(path, key, value))
+            throw InputError(path + ": constant " + shown(key) + " is the file's own, not a run's");
         check_known_constant(path, run, key);
     }
     for (const auto &[name, series] : columns) {
@@ -291,6 +305,7 @@ std::string as_text(const std::vector<std::pair<std::string, const Series *>> &c
 {
     std::string out;
     out.reserve(run.rows() * columns.size() * 12 + 4096);
+    out += std::string("# format = ") + log_format + "\n# version = " + log_version + "\n";
     for (const auto &[key, value] : run.constants)
         out += "# " + key + " = " + value + "\n";
     out += header_text(columns) + '\n';
@@ -303,24 +318,6 @@ std::string as_text(const std::vector<std::pair<std::string, const Series *>> &c
         out += '\n';
     }
     return out;
-}
-
-void write_whole(const std::string &path, const std::string &text)
-{
-    const std::string part = path + ".part" + std::to_string(getpid());
-    std::FILE *file = std::fopen(part.c_str(), "wb");
-    if (!file)
-        throw InputError(path + ": cannot be written: " + std::strerror(errno));
-    const bool written = std::fwrite(text.data(), 1, text.size(), file) == text.size();
-    int error = written ? 0 : errno;
-    if (std::fclose(file) != 0 && error == 0)
-        error = errno;
-    if (error == 0 && std::rename(part.c_str(), path.c_str()) != 0)
-        error = errno;
-    if (error != 0 || !written) {
-        std::remove(part.c_str());
-        throw InputError(path + ": cannot be written: " + std::strerror(error));
-    }
 }
 
 } // namespace
@@ -401,7 +398,7 @@ void write_run(const std::string &path, const Run &run)
 {
     const auto columns = named_series(run);
     check_run(path, columns, run);
-    write_whole(path, as_text(columns, run));
+    write_file(path, as_text(columns, run));
 }
 
 Run cut_run(const Run &run, double t0_s, double t1_s)

@@ -102,22 +102,25 @@ void append_number(std::string &out, double value)
     out.append(digits, result.ptr);
 }
 
+std::string printable(std::string_view text)
+{
+    std::string out;
+    for (const char c : text) {
+        const auto byte = static_cast<unsigned char>(c);
+        char hex[8];
+        std::snprintf(hex, sizeof hex, "\\x%02x", byte);
+        if (byte >= 0x20 && byte < 0x7f)
+            out += c;
+        else
+            out += hex;
+    }
+    return out;
+}
+
 std::string shown(std::string_view text)
 {
-    std::string out = "'";
-    for (std::size_t i = 0; i < text.size(); ++i) {
-        if (out.size() > 40)
-            return out + "...'";
-        const auto byte = static_cast<unsigned char>(text[i]);
-        if (byte >= 0x20 && byte < 0x7f) {
-            out += text[i];
-        } else {
-            char hex[8];
-            std::snprintf(hex, sizeof hex, "\\x%02x", byte);
-            out += hex;
-        }
-    }
-    return out + "'";
+    constexpr std::size_t most = 40;
+    return "'" + printable(text.substr(0, most)) + (text.size() > most ? "...'" : "'");
 }
 
 std::string at(const std::string &path, std::size_t line)

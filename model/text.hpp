@@ -43,7 +43,9 @@ bool parse_number(std::string_view text, double &value);
 // Shortest text that reads back as the same double.
 void append_number(std::string &out, double value);
 
-// For messages: quoted, unprintable bytes as \xNN, at most about forty characters.
+// For messages: bytes that would disturb a line of ASCII as \xNN; shown also quotes and keeps the
+// first forty only.
+std::string printable(std::string_view text);
 std::string shown(std::string_view text);
 
 // "path:line"

@@ -91,7 +91,9 @@ void assert_begins(const std::string &text, const char *part)
                   text.c_str());
 }
 
-const char good[] = "# payload_kg = 2.5\n"
+const char good[] = "# format = hdt-log\n"
+                    "# version = 1\n"
+                    "# payload_kg = 2.5\n"
                     "# payload_com_m = 0 0.01 0.07\n"
                     "# a remark\n"
                     "t_s,q1_rad,tau1_nm\n"
@@ -164,7 +166,7 @@ START_TEST(test_line_ends_and_byte_order_mark_change_nothing)
     ck_assert_double_eq(run.constant("payload_kg", 0), 2.5);
     // the line number still counts
     crlf.replace(crlf.rfind("4\r"), 1, "x");
-    assert_begins(refusal(crlf), ":7: column 'tau1_nm'");
+    assert_begins(refusal(crlf), ":9: column 'tau1_nm'");
 }
 END_TEST
 
@@ -223,6 +225,8 @@ const Bad bad_heads[] = {
     {"# payload_kg = 2 kg\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: constant 'payload_kg': expected 1 number, found '2 kg'", ""},
     {"# payload_kg = nan\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: constant 'payload_kg'", "'nan'"},
     {"# x = 1\n# payload_com_m = 0 0\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":2: constant 'payload_com_m': expected 3 numbers", ""},
+    {"# format = hdt-log\n# version = 2\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":2: log version: this program reads '1', found '2'", ""},
+    {"# format = hdt-arm\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: log format: this program reads 'hdt-log', found 'hdt-arm'", ""},
     {"# x = 1\n# x = 2\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":2: constant 'x' is given twice", ""},
 };
 
@@ -344,6 +348,7 @@ START_TEST(test_written_run_reads_back_bit_for_bit)
     const std::string again = scratch("again.csv");
     hdt::write_run(again, back);
     ck_assert(slurp(path) == slurp(again));
+    assert_begins(slurp(path), "# format = hdt-log\n# version = 1\n# payload_kg = 0.1\n");
 }
 END_TEST
 
@@ -362,7 +367,7 @@ START_TEST(test_what_could_not_be_read_is_not_written)
     uint64_t seed = 8;
     const Run run = random_run(&seed, 10);
     const std::string path = scratch("never.csv");
-    Run bad[9];
+    Run bad[10];
     for (Run &b : bad)
         b = run;
     bad[0].joint[2].tau_nm[3] = std::nan("");
@@ -374,6 +379,7 @@ START_TEST(test_what_could_not_be_read_is_not_written)
     bad[6].constants["two words"] = "1";
     bad[7].joint[2].tau_nm.clear();
     bad[8] = Run();
+    bad[9].constants["version"] = "1";
     for (const Run &b : bad)
         ck_assert(!writes(b, path));
     ck_assert_int_ne(access(path.c_str(), F_OK), 0);
