@@ -415,6 +415,44 @@ START_TEST(test_c_source_compiles_to_the_bytes_of_the_image)
 }
 END_TEST
 
+static int32_t word_at(const std::vector<uint8_t> &image, std::size_t at)
+{
+    return static_cast<int32_t>(image[at] | uint32_t(image[at + 1]) << 8 | uint32_t(image[at + 2]) << 16
+                                | uint32_t(image[at + 3]) << 24);
+}
+
+START_TEST(test_image_is_laid_out_as_documented)
+{
+    // offsets of docs/formats.md, section Tables
+    const Made made = make(with_all_effects());
+    const hdt_tables &t = *made.tables;
+    std::vector<uint8_t> image(hdt_tables_size(7));
+    hdt_tables_write(&t, image.data(), image.size());
+    ck_assert_uint_eq(image.size(), 120 + 3440 * 7 + 4);
+    ck_assert(std::memcmp(image.data(), "HDTM\1\0\0\0", 8) == 0);
+    ck_assert(std::memcmp(&image[8], t.digest, 32) == 0);
+    ck_assert(std::memcmp(&image[40], "pa10\0", 5) == 0);
+    ck_assert_int_eq(word_at(image, 72), 7);
+    ck_assert_int_eq(word_at(image, 80), 700 << 16);
+    ck_assert_int_eq(word_at(image, 116), t.biquad_q28[4]);
+    const std::size_t joint = 120 + 3440;
+    const hdt_joint_tab &tab = t.joint[1];
+    const std::pair<std::size_t, int32_t> words[] = {
+        {0, static_cast<int32_t>(tab.terms)}, {12, static_cast<int32_t>(tab.rad_per_count_q44)}, {24, tab.rot_q30[0]},
+        {60, tab.trans_q24[0]}, {72, tab.mass_q20}, {80, tab.moment_q20[1]}, {88, tab.inertia_q20[0]},
+        {116, tab.hold_moment_q20[1]}, {124, tab.rotor_q20}, {128, tab.v_ramp_inv_q16},
+        {132, static_cast<int32_t>(tab.friction_shift)}, {136 + 4 * 129, tab.friction_q16[1][0]},
+        {1164, tab.friction_q16[1][128]}, {3216, tab.stiffness[0].t1_q16}, {3248, tab.stiffness[1].t1_q16},
+        {3276, tab.stiffness[1].slope_q24[2]}, {3280, 2}, {3292, tab.line[0].amplitude_q16}, {3304 + 8, tab.line[1].amplitude_q16},
+        {3364, tab.load_mu_q24}, {3376, tab.cold_decay_q31}, {3384, tab.presliding_inv_q8}, {3396, tab.offset_q16},
+        {3400, tab.kp_q16}, {3408, tab.digit_per_nm_q24}, {3412, tab.dig_max}, {3428, tab.q_max_q24},
+        {3436, tab.follow_max_q24}};
+    for (const auto &[at, value] : words)
+        ck_assert_msg(word_at(image, joint + at) == value, "offset %zu: %d, not %d", at, word_at(image, joint + at), value);
+    ck_assert_int_eq(static_cast<int16_t>(image[joint + 3214] | image[joint + 3215] << 8), tab.ripple_q8[1023]);
+}
+END_TEST
+
 static Suite *tablegen_suite(void)
 {
     Suite *suite = suite_create("tablegen");
@@ -434,6 +472,7 @@ static Suite *tablegen_suite(void)
     suite_add_tcase(suite, refusals);
     TCase *ways = tcase_create("ways");
     tcase_add_test(ways, test_same_model_same_bytes);
+    tcase_add_test(ways, test_image_is_laid_out_as_documented);
     tcase_add_loop_test(ways, test_c_source_compiles_to_the_bytes_of_the_image, 0, 3);
     tcase_set_timeout(ways, 60);
     suite_add_tcase(suite, ways);
