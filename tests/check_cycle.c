@@ -504,6 +504,10 @@ START_TEST(test_init_refuses_what_it_cannot_drive)
     t.magic ^= 1u;
     ck_assert_int_eq(drv_cycle_init(&c, &t, &r.host, NULL), HDT_ERR_TABLES);
     ck_assert_int_eq(drv_cycle_period(&c, &r.in, &r.out), HDT_ERR_ARG); /* refused, not crashed */
+    ck_assert_int_eq(drv_cycle_period(NULL, &r.in, &r.out), HDT_ERR_ARG);
+    ck_assert_int_eq(drv_cycle_period(&r.c, NULL, &r.out), HDT_ERR_ARG);
+    ck_assert_int_eq(drv_cycle_period(&r.c, &r.in, NULL), HDT_ERR_ARG);
+    ck_assert_int_eq(drv_cycle_init(NULL, &t, &r.host, NULL), HDT_ERR_ARG);
 }
 END_TEST
 
@@ -622,6 +626,62 @@ START_TEST(test_after_a_broken_link_axes_are_braked_until_a_new_state)
 }
 END_TEST
 
+START_TEST(test_a_send_that_finds_the_peer_gone_starts_the_link_over)
+{
+    struct rig r;
+    struct drv_fault f;
+    rig_init(&r, NULL);
+    rig_periods(&r, 6);
+    /* calls of a period: receive the state, receive nothing, send */
+    struct drv_fault_cfg cfg = {.mode = DRV_FAULT_DOWN, .nth = 3};
+    drv_fault_wrap(&f, &cfg, &r.host, &r.beneath);
+    rig_period(&r);
+    ck_assert_uint_eq(f.hits, 1);
+    ck_assert_uint_eq(r.c.count.send_dropped, 1);
+    ck_assert_int_eq(r.c.link, DRV_LINK_STARTING);
+    rig_period(&r);
+    ck_assert_uint_eq(r.sent.type, DRV_START);
+    rig_period(&r);
+    assert_all_braked(&r.sent);
+    rig_period(&r);
+    ck_assert_int_eq(r.sent.axis[0].torque_dig, 20);
+}
+END_TEST
+
+START_TEST(test_an_end_the_bus_did_not_take_is_sent_at_the_next_period)
+{
+    struct rig r;
+    struct drv_fault f;
+    rig_init(&r, NULL);
+    rig_periods(&r, 6);
+    /* drv_cycle_end: receive the state, receive nothing, send */
+    struct drv_fault_cfg cfg = {.mode = DRV_FAULT_AGAIN, .nth = 3};
+    drv_fault_wrap(&f, &cfg, &r.host, &r.beneath);
+    ck_assert_int_eq(drv_cycle_end(&r.c), HDT_BUS_ERR_AGAIN);
+    rig_period(&r);
+    ck_assert_uint_eq(r.sent.type, DRV_END);
+    ck_assert_uint_eq(r.servo.ends, 1);
+    ck_assert_int_eq(r.servo.control, 0);
+}
+END_TEST
+
+START_TEST(test_restart_gives_up_the_reply_in_flight)
+{
+    struct rig r;
+    rig_init(&r, NULL);
+    rig_periods(&r, 6);
+    drv_cycle_restart(&r.c); /* the servo's answer is already on its way */
+    ck_assert_uint_eq(r.c.count.lost, 1);
+    rig_period(&r);
+    ck_assert_uint_eq(r.sent.type, DRV_START);
+    ck_assert_uint_eq(r.c.count.wrong_seq, 1);
+    ck_assert_uint_eq(r.in.fresh, 0);
+    rig_periods(&r, 3);
+    ck_assert_uint_eq(r.c.count.lost, 1);
+    ck_assert_int_eq(r.sent.axis[0].torque_dig, 20);
+}
+END_TEST
+
 static Suite *cycle_suite(void)
 {
     Suite *s = suite_create("cycle");
@@ -654,6 +714,9 @@ static Suite *cycle_suite(void)
     tcase_add_loop_test(t, test_one_broken_call_is_counted_and_survived, 0, DRV_FAULT_MODES);
     tcase_add_loop_test(t, test_a_long_break_latches_stale_and_never_drives, 0, DRV_FAULT_MODES);
     tcase_add_test(t, test_after_a_broken_link_axes_are_braked_until_a_new_state);
+    tcase_add_test(t, test_a_send_that_finds_the_peer_gone_starts_the_link_over);
+    tcase_add_test(t, test_an_end_the_bus_did_not_take_is_sent_at_the_next_period);
+    tcase_add_test(t, test_restart_gives_up_the_reply_in_flight);
     suite_add_tcase(s, t);
     return s;
 }
