@@ -610,6 +610,34 @@ START_TEST(test_mirrored_command_gives_mirrored_motion)
 }
 END_TEST
 
+/* Newton on the rotor over a microsecond: what is reported as friction is what acted. */
+START_TEST(test_reported_friction_closes_the_balance_of_the_rotor)
+{
+    struct plant_model m = rod();
+    uint64_t rng = 41;
+    m.joint[0].fx_torque_gain = 0.1;
+    m.joint[0].fx_load_mu = 0.05;
+    m.joint[0].fx_presliding_nm = 8;
+    m.joint[0].fx_presliding_rad = 0.02;
+    m.joint[0].line[m.joint[0].lines++] = (struct plant_line){ 300, 2, 0.3, 1 };
+    m.joint[0].line[m.joint[0].lines++] = (struct plant_line){ 100, 1.5, 0.7, 0 };
+    accept(&m);
+    for (int trial = 0; trial < 100; trial++) {
+        struct plant_state s;
+        double q = test_uniform(&rng, -1, 1), tau = test_uniform(&rng, -1.5, 1.5), dt = 1e-6;
+        plant_reset(&m, &s, &q, 1);
+        s.thd_m_radps[0] = test_uniform(&rng, -50, 50);
+        s.qd_radps[0] = s.thd_m_radps[0] / 50;
+        s.dahl_nm[0] = test_uniform(&rng, -4, 4);
+        s.wander_nm[0] = test_uniform(&rng, -1, 1);
+        double before = speed(&m, &s, 0), line = 1.5 * sin(100 * s.th_m_rad[0] / 50 + 0.7);
+        plant_step(&m, &s, &tau, dt);
+        double taken = 0.3 * (speed(&m, &s, 0) - before) / dt;
+        ck_assert_double_eq_tol(1.1 * 50 * tau - s.gear_nm[0] - line - s.friction_nm[0], taken, 0.02);
+    }
+}
+END_TEST
+
 /* ---- hidden effects ---- */
 
 static double hold_nm(const struct plant_model *m, double q_rad)
@@ -873,9 +901,11 @@ START_TEST(test_run_scatter_has_its_sigma_and_changes_breakaway)
         square += s.run_coulomb_nm[0] * s.run_coulomb_nm[0];
         if (seed < 10) {
             double start = s.th_m_rad[0];
-            run(&m, &s, (18 + s.run_coulomb_nm[0] - 0.01) / 50, 0.1);
+            s.wander_nm[0] = 0.2 - 0.05 * (double)seed; /* adds to it */
+            double edge = 18 + s.run_coulomb_nm[0] + s.wander_nm[0];
+            run(&m, &s, (edge - 0.01) / 50, 0.1);
             ck_assert_double_eq(s.th_m_rad[0], start);
-            run(&m, &s, (18 + s.run_coulomb_nm[0] + 0.01) / 50, 0.1);
+            run(&m, &s, (edge + 0.01) / 50, 0.1);
             ck_assert_double_gt(s.th_m_rad[0], start);
         }
     }
@@ -1055,6 +1085,7 @@ START_TEST(test_check_names_what_is_wrong_and_where)
     REFUSED(3, "fx_inertia", j->fx_inertia_kgm2 = -100);
     REFUSED(3, "tau_max", j->tau_max_m_nm = 0);
     REFUSED(3, "f0_nm", j->friction[1].f0_nm = -1);
+    REFUSED(3, "f0_nm", j->friction[0].f0_nm = -1);
     REFUSED(3, "fs_nm", j->friction[1].fs_nm = -100);
     REFUSED(3, "vc_radps", j->friction[1].vc_radps = 0);
     REFUSED(3, "lines", j->lines = PLANT_LINES_MAX + 1);
@@ -1067,6 +1098,48 @@ START_TEST(test_check_names_what_is_wrong_and_where)
     REFUSED(3, "wander_s", j->wander_sigma_nm = 0.1);
     REFUSED(3, "fx_presliding_rad", j->fx_presliding_nm = 1);
     REFUSED(3, "fx_presliding_nm", j->fx_presliding_nm = 100; j->fx_presliding_rad = 0.1);
+}
+END_TEST
+
+START_TEST(test_check_accepts_the_edges)
+{
+    struct plant_model m = rod();
+    struct plant_joint *j = &m.joint[0];
+    j->t_nm[0] = j->t_nm[1] = 0; /* a gear of one line */
+    j->fx_presliding_nm = 36;    /* all of the smaller Coulomb friction is elastic */
+    j->fx_presliding_rad = 0.02;
+    j->fx_cold_coulomb = j->fx_cold_viscous = -1;
+    j->fx_warm_s = 1;
+    while (j->lines < PLANT_LINES_MAX)
+        j->line[j->lines++] = (struct plant_line){ 7, 1, 0, 1 };
+    accept(&m);
+    ck_assert_double_eq_tol(plant_gear_nm(j, 1e-3), 1e-3 * j->k_nmprad[2], 1e-9);
+    j->fx_presliding_nm = 36.01;
+    refuse(m, 1, "fx_presliding_nm");
+}
+END_TEST
+
+START_TEST(test_chosen_step_follows_the_fastest_thing_there_is)
+{
+    struct plant_model m = rod(), damped = rod(), arm = pa10_checked();
+    struct plant_pose pose;
+    plant_matrix mass, minv;
+    double mobility = 1 / 0.3 + 1 / 0.7, q[N] = { 0 }, fastest = 0;
+    m.joint[0].k_nmprad[1] = 6e4; /* the stiffest of the three lines, wherever it is */
+    accept(&m);
+    ck_assert_double_eq_tol(m.step_s, 0.5 / sqrt(6e4 * mobility), 1e-9);
+    damped.joint[0].damping_nmspr = 500;
+    accept(&damped);
+    ck_assert_double_eq_tol(damped.step_s, 0.5 / (500 * mobility), 1e-9);
+    /* a chain: at least as fast as its fastest joint alone, not much faster */
+    plant_chain_pose(&arm, q, &pose);
+    plant_chain_mass(&arm, &pose, mass);
+    ck_assert_int_eq(plant_invert(N, mass, minv), 0);
+    for (int i = 0; i < N; i++)
+        fastest = fmax(fastest, sqrt(arm.joint[i].k_nmprad[2] * (minv[i * PLANT_JOINTS_MAX + i]
+                                     + 1 / (arm.joint[i].rotor_kgm2_m * 2500))));
+    ck_assert_double_lt(arm.step_s, 0.5 / fastest);
+    ck_assert_double_gt(arm.step_s, 0.25 / fastest);
 }
 END_TEST
 
@@ -1092,6 +1165,7 @@ static Suite *plant_suite(void)
     tcase_add_test(friction, test_steady_sliding_obeys_the_two_sided_stribeck_curve);
     tcase_add_test(friction, test_sliding_rotor_stops_and_stays);
     tcase_add_test(friction, test_locked_rotor_is_held_and_the_gear_still_springs);
+    tcase_add_test(friction, test_reported_friction_closes_the_balance_of_the_rotor);
     tcase_add_test(friction, test_mirrored_command_gives_mirrored_motion);
     tcase_add_test(effects, test_payload_adds_its_weight_times_its_arm);
     tcase_add_test(effects, test_cable_spring_must_be_held_against);
@@ -1109,6 +1183,8 @@ static Suite *plant_suite(void)
     tcase_add_test(runs, test_motion_does_not_depend_on_how_time_is_cut);
     tcase_add_test(runs, test_random_torque_never_makes_a_number_that_is_none);
     tcase_add_test(runs, test_torque_is_cut_and_no_number_is_zero);
+    tcase_add_test(runs, test_check_accepts_the_edges);
+    tcase_add_test(runs, test_chosen_step_follows_the_fastest_thing_there_is);
     tcase_add_test(runs, test_check_names_what_is_wrong_and_where);
     TCase *all[] = { chain, gear, energy, friction, effects, runs };
     for (size_t k = 0; k < sizeof all / sizeof all[0]; k++) {
