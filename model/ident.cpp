@@ -2,7 +2,7 @@
 //
 // What is fitted, what the data cannot tell, and the error before and after.
 //
-// A number counts as excited when it stands three sigma from zero, or when its sigma is below half
+// A number counts as excited when it stands two sigma from zero, or when its sigma is below half
 // of what the file says.  Otherwise the file's number is kept, or none is introduced, and the rest
 // is fitted again.
 //
@@ -27,7 +27,8 @@ namespace {
 constexpr Index min_blocks = 50;        // of a joint
 constexpr Index min_way_blocks = 30;    // in one direction
 constexpr Index min_region_blocks = 20; // per line of stiffness
-constexpr double clear_sigmas = 3;
+constexpr double clear_sigmas = 2;
+constexpr double worth_rms = 1.01;      // a declared term that lowers rms by less is not in the data
 constexpr double useful_sigma = 0.5;    // of the file's number
 constexpr double scale_sigma_max = 0.1;
 constexpr double loaded_nm = 0.5;       // rms gravity torque that can show a scale
@@ -200,11 +201,12 @@ bool out_of_bounds(const hdt_arm_friction &f, double v_max)
     return f.f0_nm < 0;
 }
 
-bool enforce_bounds(const JointModel &prior, JointFitState *j)
+bool enforce_bounds(const hdt_arm &arm, const JointModel &prior, JointFitState *j)
 {
     JointModel &m = j->model;
     bool changed = false;
-    double v_max = std::max(j->rows.speed[0].maxCoeff(), j->rows.speed[1].maxCoeff());
+    double v_max = std::max({j->rows.speed[0].maxCoeff(), j->rows.speed[1].maxCoeff(),
+                             arm.joint[j->rows.joint].v_max_radps});
     for (int way = 0; way < 2; way++) {
         if (!m.free_f0[way] || !out_of_bounds(m.friction[way], v_max))
             continue;
@@ -233,12 +235,17 @@ bool judge_friction(const JointModel &prior, JointFitState *j)
         }
     if (changed)
         return true;
-    for (int way = 0; way < 2; way++)
-        if (m.free_fv[way] && !excited(m.friction[way].fv_nmspr, sigma_of(*j, FV, way, 0), prior.friction[way].fv_nmspr)) {
+    for (int way = 0; way < 2; way++) {
+        // beside a kept Stribeck curve, slow motion shows its slope and not the viscous one
+        bool slow = !m.free_fs[way] && m.friction[way].fs_nm != 0
+                    && j->rows.speed[way].maxCoeff() < 2 * m.friction[way].vc_radps;
+        if (m.free_fv[way]
+            && (slow || !excited(m.friction[way].fv_nmspr, sigma_of(*j, FV, way, 0), prior.friction[way].fv_nmspr))) {
             m.free_fv[way] = false;
             m.friction[way].fv_nmspr = prior.friction[way].fv_nmspr;
             changed = true;
         }
+    }
     return changed;
 }
 
@@ -263,31 +270,20 @@ bool judge_ripple(const JointModel &prior, JointFitState *j)
     return changed;
 }
 
-// Kept where the data cannot tell; taken out where they can and show nothing.
-bool judge_stiffness(const JointModel &prior, JointFitState *j, std::vector<std::string> *notes)
+// Lines the data cannot tell stay as the file has them.
+bool judge_stiffness(const JointModel &prior, JointFitState *j)
 {
     JointModel &m = j->model;
     bool changed = false;
     for (int way = 0; way < 2; way++) {
-        if (!m.free_stiffness[way])
-            continue;
-        double s[2] = {sigma_of(*j, KINK_1, way, 0), sigma_of(*j, KINK_2, way, 0)};
-        bool clear = std::fabs(m.kink[way][0]) > clear_sigmas * s[0] || std::fabs(m.kink[way][1]) > clear_sigmas * s[1];
-        if (clear)
+        bool told = false;
+        for (int k = 0; k < 2; k++)
+            told = told || excited(m.kink[way][k], sigma_of(*j, k == 0 ? KINK_1 : KINK_2, way, 0), prior.kink[way][k]);
+        if (!m.free_stiffness[way] || told)
             continue;
         m.free_stiffness[way] = false;
+        std::copy(prior.kink[way], prior.kink[way] + 2, m.kink[way]);
         changed = true;
-        double largest = std::max(std::fabs(prior.kink[way][0]), std::fabs(prior.kink[way][1]));
-        if (std::max(s[0], s[1]) < useful_sigma * largest) {
-            m.stiffness[way].slope[0] = m.stiffness[way].slope[1] = m.stiffness[way].slope[2] = 0;
-            m.stiffness[way].zero_nm = 0;
-            m.kink[way][0] = m.kink[way][1] = 0;
-            notes->push_back(joint_name(j->rows.joint) + ": the soft wind-up the file declares is not in the data ("
-                             + (way == 0 ? "positive" : "negative") + " direction); taken out");
-        } else {
-            m.kink[way][0] = prior.kink[way][0];
-            m.kink[way][1] = prior.kink[way][1];
-        }
     }
     return changed;
 }
@@ -317,18 +313,18 @@ bool judge(Fit *f)
         JointFitState *j = &f->problem.joint[k];
         changed = judge_friction(f->prior[k], j) || changed;
         changed = judge_ripple(f->prior[k], j) || changed;
-        changed = judge_stiffness(f->prior[k], j, &f->notes) || changed;
+        changed = judge_stiffness(f->prior[k], j) || changed;
     }
     return changed;
 }
 
-void run_fit(const hdt_arm &arm, Fit *f)
+void settle(const hdt_arm &arm, Fit *f)
 {
     for (int round = 0; round < rounds_max; round++) {
         iterate(arm, f);
         bool changed = false;
         for (std::size_t k = 0; k < f->problem.joint.size(); k++)
-            changed = enforce_bounds(f->prior[k], &f->problem.joint[k]) || changed;
+            changed = enforce_bounds(arm, f->prior[k], &f->problem.joint[k]) || changed;
         if (changed)
             continue;
         estimate_sigma(&f->problem);
@@ -337,6 +333,35 @@ void run_fit(const hdt_arm &arm, Fit *f)
     }
     solve_all(f);
     estimate_sigma(&f->problem);
+}
+
+// Declared soft wind-up that could be fitted, yet explains nothing: taken out.  Judged by the error
+// with and without, since its slope and the gravity scale are told apart by other joints only.
+bool drop_stiffness(const hdt_arm &arm, Fit *f)
+{
+    bool dropped = false;
+    for (std::size_t k = 0; k < f->problem.joint.size(); k++) {
+        JointFitState &j = f->problem.joint[k];
+        if (!j.model.free_stiffness[0] && !j.model.free_stiffness[1])
+            continue;
+        Fit without = *f;
+        JointModel &m = without.problem.joint[k].model;
+        m.has_stiffness = m.free_stiffness[0] = m.free_stiffness[1] = false;
+        iterate(arm, &without);
+        if (without.problem.joint[k].rms > worth_rms * j.rms)
+            continue;
+        *f = without;
+        f->notes.push_back(joint_name(j.rows.joint) + ": the soft wind-up the file declares is not in the data; taken out");
+        dropped = true;
+    }
+    return dropped;
+}
+
+void run_fit(const hdt_arm &arm, Fit *f)
+{
+    settle(arm, f);
+    if (drop_stiffness(arm, f))
+        settle(arm, f);
 }
 
 // This joint's own gravity scale, all its other numbers free beside it.

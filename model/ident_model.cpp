@@ -163,33 +163,29 @@ void write_ripple(const JointFitState &j, ArmFile *file, std::vector<FitParamete
 
 void write_stiffness(const JointFitState &j, ArmFile *file, std::vector<FitParameter> *list)
 {
-    if (!j.model.has_stiffness)
-        return;
     std::string table = joint_key(j.rows.joint, "stiffness");
-    bool absent[2];
+    if (!j.model.has_stiffness) { // refuted, or never there
+        file->erase(table);
+        return;
+    }
     for (int way = 0; way < 2; way++) {
         hdt_arm_stiffness k = j.model.stiffness[way];
         bool fitted = j.model.free_stiffness[way];
-        absent[way] = !fitted && k.slope[0] == 0 && k.slope[1] == 0 && k.slope[2] == 0 && k.zero_nm == 0;
         std::string at = table + "." + way_name[way] + ".";
-        double s1 = sigma_of(j, KINK_1, way, 0), s2 = std::hypot(s1, sigma_of(j, KINK_2, way, 0));
-        if (fitted)
-            slopes_from(j.model.kink[way], &k);
-        // sigma of a slope grows with every kink from the line that holds load 0
+        double s1 = sigma_of(j, KINK_1, way, 0), s2 = sigma_of(j, KINK_2, way, 0), both = std::hypot(s1, s2);
+        slopes_from(j.model.kink[way], &k);
+        // the line that holds load 0 is kept: its slope is that of the gravity scale; sigma of the
+        // others grows with every kink from there
         int home = 0 < k.t1_nm ? 0 : 0 <= k.t2_nm ? 1 : 2;
-        double sigma[3] = {home == 0 ? 0 : home == 1 ? s1 : s2, home == 1 ? 0 : s1,
-                           home == 2 ? 0 : home == 1 ? sigma_of(j, KINK_2, way, 0) : s2};
-        if (fitted || absent[way])
+        const double sigma[3][3] = {{0, s1, both}, {s1, 0, s2}, {both, s1, 0}};
+        const double *mine = sigma[home];
+        if (fitted)
             file->set(at + "slope", quantity({k.slope[0], k.slope[1], k.slope[2]}, "N m/N m",
-                                             {sigma[0], sigma[1], sigma[2]}, "output"));
-        if (absent[way])
-            file->set(at + "zero", quantity({0}, "N m", {0}, "output"));
+                                             {mine[0], mine[1], mine[2]}, "output"));
         for (int line = 0; line < 3; line++)
             list->push_back({at + "slope." + std::to_string(line + 1), "N m/N m", k.slope[line],
-                             fitted ? sigma[line] : unknown, fitted || absent[way]});
+                             fitted && line != home ? mine[line] : unknown, fitted && line != home});
     }
-    if (absent[0] && absent[1])
-        file->erase(table);
 }
 
 } // namespace
