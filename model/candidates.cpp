@@ -366,17 +366,88 @@ double rival(const JointWork &w, const std::string &id, double gain, std::vector
     return best;
 }
 
+// Shared numbers of a chain effect at one point of its grid.
+struct ChainFit { VectorXd theta; MatrixXd covariance; double llr = 0; std::vector<Gram> grams; };
+
+std::vector<const Gram *> pointers(const std::vector<Gram> &g)
+{
+    std::vector<const Gram *> out;
+    for (const Gram &one : g)
+        out.push_back(&one);
+    return out;
+}
+
+ChainFit fit_chain(std::vector<Gram> grams)
+{
+    ChainFit f;
+    const std::size_t runs = grams[0].weighted.size();
+    MatrixXd a = grams[0].prior;
+    VectorXd b = VectorXd::Zero(grams[0].columns);
+    for (const Gram &g : grams) {
+        const Projected p = project(g, all_runs(runs));
+        a += p.a;
+        b += p.b;
+    }
+    a.diagonal().array() += 1e-12;
+    const Eigen::LLT<MatrixXd> fac(a);
+    f.theta = fac.solve(b);
+    f.llr = 0.5 * f.theta.dot(b);
+    f.covariance = fac.solve(MatrixXd::Identity(a.rows(), a.cols()));
+    // variance from the scatter of the runs where that is larger
+    MatrixXd meat = MatrixXd::Zero(a.rows(), a.cols());
+    for (std::size_t r = 0; r < runs; ++r) {
+        RunSet only(runs, 0);
+        only[r] = 1;
+        VectorXd s = VectorXd::Zero(a.rows());
+        for (const Gram &g : grams) {
+            const Projected p = project(g, only);
+            s += p.b - p.a * f.theta;
+        }
+        meat += s * s.transpose();
+    }
+    const VectorXd robust = (f.covariance * meat * f.covariance).diagonal();
+    const VectorXd grow = (robust.array() / f.covariance.diagonal().array()).max(1.0).sqrt();
+    f.covariance = grow.asDiagonal() * f.covariance * grow.asDiagonal();
+    f.grams = std::move(grams);
+    return f;
+}
+
+// Does it stand against what each joint would say alone?
+void judge_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const Gates &gates, ChainScore *c)
+{
+    double mine = 0, others = 0, plain = 0;
+    int better = 0, large = 0;
+    bool simpler_ties = false;
+    for (std::size_t j = 0; j < joints.size(); ++j) {
+        const JointWork &w = *joints[j];
+        c->ambiguous.emplace_back();
+        const double r = rival(w, c->id, c->gain[j].total, &c->ambiguous.back());
+        if (c->rms_nm[j] < 0.5 * w.gate_nm) {
+            c->ambiguous.back().clear();
+            continue;
+        }
+        large += c->rms_nm[j] >= w.gate_nm;
+        for (const Score &s : w.scores)
+            simpler_ties = simpler_ties || (s.passes && w.families[s.family].named() && !w.families[s.family].chain
+                                            && tied(s.gain.total, c->gain[j].total)
+                                            && w.families[s.family].columns(w.fit[0], s.at).cols() < c->theta.size());
+        mine += c->gain[j].total;
+        plain += c->gain[j].plain_total;
+        others += r;
+        better = std::max(better, c->gain[j].better);
+    }
+    c->passes = large > 0 && c->p_adjusted <= gates.alpha && better >= gates.min_runs && plain > 0 && mine > 0
+                && mine >= kAdequate * others
+                // one joint alone does not speak for a chain when fewer numbers say the same
+                && !(large == 1 && simpler_ties);
+}
+
 } // namespace
 
 ChainScore weigh_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const std::string &id, const Gates &gates)
 {
     ChainScore best;
     best.id = id;
-    std::vector<double> log_e;
-    double best_value = -1e300, grid = 1;
-    std::vector<Gram> kept;
-    const std::size_t runs = joints.empty() ? 0 : joints[0]->fit.size();
-    const std::vector<RunSet> splits = balanced_splits(runs, kSplits);
     const auto family = [&](const JointWork &w) {
         return std::find_if(w.families.begin(), w.families.end(), [&](const Family &f) { return f.id == id; });
     };
@@ -385,57 +456,36 @@ ChainScore weigh_chain(const std::vector<std::unique_ptr<JointWork>> &joints, co
             return best;
     if (joints.empty())
         return best;
-    for (Point at : family(*joints[0])->grid) {
+    const Family &first = *family(*joints[0]);
+    const std::vector<RunSet> splits = balanced_splits(joints[0]->fit.size(), kSplits);
+    std::vector<double> log_e;
+    std::optional<ChainFit> kept;
+    for (Point at : first.grid) {
         std::vector<Gram> g;
-        std::vector<const Gram *> pointers;
         for (const auto &w : joints)
             g.push_back(w->gram(*family(*w), at));
-        MatrixXd a = g[0].prior;
-        VectorXd b = VectorXd::Zero(g[0].columns);
-        for (const Gram &one : g) {
-            pointers.push_back(&one);
-            const Projected p = project(one, all_runs(runs));
-            a += p.a;
-            b += p.b;
-        }
-        a.diagonal().array() += 1e-12;
-        const Eigen::LLT<MatrixXd> fac(a);
-        const VectorXd theta = fac.solve(b);
-        log_e.push_back(split_log_e(pointers, splits));
-        grid = static_cast<double>(family(*joints[0])->grid.size());
-        const double value = 0.5 * theta.dot(b) - static_cast<double>(theta.size());
-        if (value > best_value) {
-            best_value = value;
-            best.at = at;
-            best.theta = theta;
-            best.covariance = fac.solve(MatrixXd::Identity(a.rows(), a.cols()));
-            best.gain = leave_one_run_out(pointers);
-            best.rms_nm.clear();
-            for (const Gram &one : g)
-                best.rms_nm.push_back(contribution_rms(one, theta));
-        }
-    }
-    best.log_e = log_mean_exp(log_e, grid);
-    // the chain stands once more beside each joint's own list
-    best.p_adjusted = std::min(1.0, std::exp(std::min(0.0, std::log(static_cast<double>(joints[0]->families.size() + 2)) - best.log_e)));
-    double mine = 0, others = 0, plain = 0;
-    int better = 0;
-    bool large = false;
-    for (std::size_t j = 0; j < joints.size(); ++j) {
-        best.ambiguous.emplace_back();
-        const double r = rival(*joints[j], id, best.gain[j].total, &best.ambiguous.back());
-        if (best.rms_nm[j] < 0.5 * joints[j]->gate_nm) {
-            best.ambiguous.back().clear();
+        log_e.push_back(split_log_e(pointers(g), splits));
+        ChainFit f = fit_chain(std::move(g));
+        if (first.plausible && !first.plausible(f.theta))
             continue;
+        const double size = static_cast<double>(f.theta.size());
+        if (!kept || f.llr - size > kept->llr - static_cast<double>(kept->theta.size())) {
+            best.at = at;
+            kept = std::move(f);
         }
-        large = large || best.rms_nm[j] >= joints[j]->gate_nm;
-        mine += best.gain[j].total;
-        plain += best.gain[j].plain_total;
-        others += r;
-        better = std::max(better, best.gain[j].better);
     }
-    best.passes = large && best.p_adjusted <= gates.alpha && better >= gates.min_runs && plain > 0
-                  && mine > 0 && mine >= kAdequate * others;
+    best.log_e = log_mean_exp(log_e, static_cast<double>(first.grid.size()));
+    // the chain stands once more beside each joint's own list
+    const double tried = static_cast<double>(joints[0]->families.size() + 2);
+    best.p_adjusted = std::exp(std::min(0.0, std::log(tried) - best.log_e));
+    if (!kept)
+        return best;
+    best.theta = kept->theta;
+    best.covariance = kept->covariance;
+    best.gain = leave_one_run_out(pointers(kept->grams));
+    for (const Gram &g : kept->grams)
+        best.rms_nm.push_back(contribution_rms(g, kept->theta));
+    judge_chain(joints, gates, &best);
     return best;
 }
 

@@ -20,6 +20,7 @@ namespace {
 
 constexpr Index kKnots = 8;
 constexpr double kMoves_rad = 0.05;
+constexpr double kPayloadReach_m = 0.4; // no tool's centre of mass lies further from the flange
 
 // Columns of the chain at each block's mean state, all joints at once.
 struct ChainColumns { std::vector<MatrixXd> body, own, tilt; MatrixXd dgdq; };
@@ -191,14 +192,23 @@ MatrixXd two(const VectorXd &a, const VectorXd &b)
 }
 
 // Candidates of the load: payload, masses, tilt, offset, gain, springs.
-void add_load_families(std::vector<Family> *out, int joint, const std::vector<std::string> &poses)
+void add_load_families(std::vector<Family> *out, int joint, const std::vector<std::string> &poses,
+                       const std::vector<BlockRows> &runs)
 {
     const std::string q = name_of("q", joint);
+    double declared_kg = 1e9;
+    for (const BlockRows &b : runs)
+        declared_kg = std::min(declared_kg, b.payload_kg);
     // variant 0: mass on the tool axis; 1: anywhere
     add(out, "payload", poses, {{0, 0}, {0, 1}}, [](const BlockRows &b, Point p) -> MatrixXd {
         return p.kind == 1 ? b.body : two(b.body.col(0), b.body.col(3));
     });
     out->back().chain = true;
+    // all that hangs there weighs something and is near the flange
+    out->back().plausible = [declared_kg](const VectorXd &th) {
+        const double mass = declared_kg + th[0];
+        return mass > 0 && th.tail(th.size() - 1).norm() < kPayloadReach_m * (mass + declared_kg);
+    };
     add(out, "load_friction", {"load", "direction"}, {{}}, [](const BlockRows &b, Point) -> MatrixXd {
         return b.dir.cwiseProduct(b.gravity.cwiseAbs());
     });
@@ -321,6 +331,7 @@ std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c)
         const auto k = static_cast<std::size_t>(j);
         BlockRows b;
         b.run = c.name;
+        b.payload_kg = c.payload_kg;
         b.block = c.blocks(j);
         b.block_s = c.block_begin.size() > 2 ? c.t_s[c.block_begin[1]] - c.t_s[c.block_begin[0]] : 0.01;
         const double gain = arm.joint[j].torque_gain;
@@ -366,7 +377,7 @@ std::vector<Family> effect_families(const hdt_arm &arm, int joint, const std::ve
         if (moves(runs, k))
             poses.push_back(name_of("q", k));
     std::vector<Family> out;
-    add_load_families(&out, joint, poses);
+    add_load_families(&out, joint, poses, runs);
     add_motion_families(&out, joint);
     std::vector<Point> others;
     for (int k = 0; k < arm.joints; ++k)

@@ -22,6 +22,7 @@ namespace hdt {
 struct BlockRows {
     std::string run;
     double block_s = 0.01;
+    double payload_kg = 0;             // declared for this run
     std::vector<Eigen::Index> block;   // block number of each row
     Eigen::VectorXd t_s, y_nm;         // y: gain * reported torque - declared terms
     Eigen::VectorXd q, v, a, dir, travel, gravity, total; // of this joint; total: all declared terms

@@ -75,32 +75,31 @@ struct Noise {
 
 struct Motion { std::vector<double> q, v, a; };
 
-// Random moves with trapezoidal speed between -1.4 and 1.4 rad, with short rests.
+// Random moves between -1.4 and 1.4 rad: speed rises and falls as a raised cosine, with short rests.
 inline Motion random_motion(std::mt19937_64 &rng, int rows)
 {
+    constexpr double pi = 3.14159265358979;
     std::uniform_real_distribution<double> u(0, 1);
     Motion m;
     double q = 2.4 * u(rng) - 1.2;
     while (static_cast<int>(m.q.size()) < rows) {
         const double goal = 2.8 * u(rng) - 1.4, speed = 0.03 * std::pow(13.0, u(rng)), acc = 0.5 + u(rng);
         const double dist = std::fabs(goal - q), way = goal > q ? 1 : -1;
-        const double top = std::min(speed, std::sqrt(acc * dist)), ramp = top / acc;
-        const double cruise = (dist - top * ramp) / std::max(top, 1e-9), q0 = q;
         if (dist < 0.05)
             continue;
-        for (double t = 0; t < 2 * ramp + cruise; t += 1 / kRate_hz) {
-            double s, v, a;
-            if (t < ramp)
-                s = 0.5 * acc * t * t, v = acc * t, a = acc;
-            else if (t < ramp + cruise)
-                s = 0.5 * top * ramp + top * (t - ramp), v = top, a = 0;
-            else {
-                const double left = 2 * ramp + cruise - t;
-                s = dist - 0.5 * acc * left * left, v = acc * left, a = -acc;
-            }
-            m.q.push_back(q0 + way * s);
+        const double top = std::min(speed, std::sqrt(acc * dist)), ramp = std::max(0.25, top / acc);
+        const double peak = std::min(top, dist / ramp), cruise = (dist - peak * ramp) / peak, end = 2 * ramp + cruise;
+        // distance run while speeding up for t, and its derivatives
+        const auto up = [&](double t) { return 0.5 * peak * (t - ramp / pi * std::sin(pi * t / ramp)); };
+        for (double t = 0; t < end; t += 1 / kRate_hz) {
+            const double s = t < ramp ? t : end - t; // time from the nearer end
+            const bool ramps = s < ramp;
+            const double v = ramps ? 0.5 * peak * (1 - std::cos(pi * s / ramp)) : peak;
+            const double a = ramps ? 0.5 * peak * pi / ramp * std::sin(pi * s / ramp) : 0;
+            const double x = t < ramp ? up(t) : t < ramp + cruise ? 0.5 * peak * ramp + peak * (t - ramp) : dist - up(s);
+            m.q.push_back(q + way * x);
             m.v.push_back(way * v);
-            m.a.push_back(way * a);
+            m.a.push_back(t < ramp ? way * a : -way * a);
         }
         q = goal;
         for (int k = 0; k < 8; ++k)
