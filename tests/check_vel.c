@@ -53,6 +53,8 @@ END_TEST
 START_TEST(test_jump_is_clamped_never_wrapped)
 {
     uint64_t r = 2;
+    ck_assert_int_eq(hdt_vel_difference(INT32_MAX, 0, pa10_per_count(), 1), INT32_MAX);
+    ck_assert_int_eq(hdt_vel_difference(INT32_MIN, 0, pa10_per_count(), 1), -INT32_MAX);
     for (int k = 0; k < 100000; k++) {
         const int64_t per_count = (int64_t)(test_random(&r) % (((uint64_t)1 << 36) + 1));
         const int32_t a = (int32_t)test_random(&r), b = (int32_t)test_random(&r);
@@ -75,6 +77,10 @@ START_TEST(test_filter_agrees_with_the_double_biquad)
         double b[5], x1 = 0, x2 = 0, y1 = 0, y2 = 0, worst = 0;
         struct hdt_vel s = {{0, 0}, {0, 0}, 0};
         design(cutoff, rate, q);
+        /* not only the symmetric numerator of a Butterworth filter: move weight from b2 to b0 */
+        const int32_t moved = (int32_t)(q[2] * test_uniform(&r, 0, 1));
+        q[0] += moved;
+        q[2] -= moved;
         for (int i = 0; i < 5; i++)
             b[i] = D(q[i], 28);
         for (int k = 0; k < 3000; k++) {
