@@ -419,6 +419,14 @@ START_TEST(test_a_path_too_long_says_so)
     memset(long_name + 10, 'x', 300);
     ck_assert_int_eq(hdt_bus_open(&b, long_name, HDT_BUS_SERVO, err, sizeof err), HDT_BUS_ERR_NAME);
     ck_assert_ptr_nonnull(strstr(err, "305 bytes, at most 107"));
+    /* one byte too long, and the longest there is */
+    long_name[5 + 108] = '\0';
+    ck_assert_int_eq(hdt_bus_open(&b, long_name, HDT_BUS_SERVO, err, sizeof err), HDT_BUS_ERR_NAME);
+    ck_assert_ptr_nonnull(strstr(err, "108 bytes, at most 107"));
+    long_name[5 + 107] = '\0';
+    ck_assert_int_eq(hdt_bus_open(&b, long_name, HDT_BUS_SERVO, err, sizeof err), HDT_BUS_OK);
+    hdt_bus_close(&b);
+    ck_assert_int_ne(access(long_name + 5, F_OK), 0);
 }
 END_TEST
 
