@@ -240,6 +240,57 @@ START_TEST(test_too_many_and_no_joints_are_refused)
 }
 END_TEST
 
+START_TEST(test_too_many_of_a_joints_tables_are_refused)
+{
+    const std::string ripple = "[[joint.ripple]]\n"
+        "wave_generator_order = { value = 2, unit = \"1\", confidence = \"low\", source = \"S\" }\n"
+        "amplitude = { value = 1.5, unit = \"N m\", side = \"output\", sigma = 0.1, source = \"S\" }\n"
+        "phase = { value = 0.5, unit = \"rad\", sigma = 0.1, source = \"S\" }\n";
+    const std::string line = "[[joint.effect]]\nid = \"order_line\"\n"
+        "order = { value = 7.5, unit = \"1\", sigma = 0.1, source = \"S\" }\n"
+        "amplitude = { value = 0.3, unit = \"N m\", sigma = 0.1, source = \"S\" }\n"
+        "phase = { value = -1, unit = \"rad\", sigma = 0.1, source = \"S\" }\ndirected = false\n";
+    const std::string offset = "[[joint.effect]]\nid = \"torque_offset\"\n"
+        "torque = { value = 1, unit = \"N m\", sigma = 0.1, source = \"S\" }\n";
+    std::string text(small_arm);
+    for (int i = 2; i <= 8; i++)
+        text += ripple;
+    assert_text(message_of(text), "");
+    assert_text(message_of(text + ripple), "t.toml:30: joint.1.ripple: expected at most 8 ripples a joint, found 9");
+    text = small_arm;
+    for (int i = 2; i <= 4; i++)
+        text += line;
+    assert_text(message_of(text + offset), "");
+    assert_text(message_of(text + line),
+                "t.toml:59: joint.1.effect.5.id: expected at most 4 order_line effects a joint, found one more");
+    assert_text(message_of(text + offset + offset),
+                "t.toml:62: joint.1.effect.6.id: expected one torque_offset a joint, found a second");
+    for (int i = 5; i <= 65; i++)
+        text += line;
+    assert_text(message_of(text), "t.toml:418: joint.1.effect: expected at most 64 tables, found 65");
+}
+END_TEST
+
+START_TEST(test_roll_pitch_yaw_turn_about_fixed_axes_in_that_order)
+{
+    ArmFile file = ArmFile::parse(small_arm, "t.toml");
+    const double r = 0.3, p = -0.7, y = 1.9;
+    file.set("joint.1.rpy", {{r, p, y}, "rad", {}, "S", "", "low"});
+    file.set("flange.rpy", {{r, p, y}, "rad", {}, "S", "", "low"});
+    file.refresh();
+    const double expected[9] = {
+        std::cos(y) * std::cos(p), std::cos(y) * std::sin(p) * std::sin(r) - std::sin(y) * std::cos(r),
+        std::cos(y) * std::sin(p) * std::cos(r) + std::sin(y) * std::sin(r), std::sin(y) * std::cos(p),
+        std::sin(y) * std::sin(p) * std::sin(r) + std::cos(y) * std::cos(r),
+        std::sin(y) * std::sin(p) * std::cos(r) - std::cos(y) * std::sin(r), -std::sin(p), std::cos(p) * std::sin(r),
+        std::cos(p) * std::cos(r)};
+    for (int i = 0; i < 9; i++) {
+        ck_assert_double_eq_tol(file.arm().joint[0].rot[i], expected[i], 1e-14);
+        ck_assert_double_eq_tol(file.arm().flange_rot[i], expected[i], 1e-14);
+    }
+}
+END_TEST
+
 START_TEST(test_a_file_that_cannot_be_read_is_named)
 {
     char err[200];
@@ -713,6 +764,7 @@ static Suite *arm_suite(void)
                         static_cast<int>(sizeof wrong_table / sizeof *wrong_table));
     tcase_add_test(errors, test_the_small_arm_itself_is_accepted);
     tcase_add_test(errors, test_too_many_and_no_joints_are_refused);
+    tcase_add_test(errors, test_too_many_of_a_joints_tables_are_refused);
     tcase_add_test(errors, test_a_file_that_cannot_be_read_is_named);
     tcase_add_test(errors, test_damaged_bytes_never_do_more_than_refuse);
     tcase_set_timeout(errors, 60);
@@ -724,6 +776,7 @@ static Suite *arm_suite(void)
     tcase_add_test(document, test_a_wrong_change_is_refused_and_changes_nothing);
     tcase_add_test(document, test_save_leaves_no_part_of_a_file);
     tcase_add_test(document, test_digest_is_that_of_sha256sum);
+    tcase_add_test(document, test_roll_pitch_yaw_turn_about_fixed_axes_in_that_order);
     tcase_add_test(document, test_both_inertia_forms_give_the_same_arm);
     tcase_set_timeout(document, 60);
     suite_add_tcase(suite, document);

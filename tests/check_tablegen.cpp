@@ -207,6 +207,28 @@ START_TEST(test_scaling_and_limits_are_those_of_the_model)
 }
 END_TEST
 
+START_TEST(test_awkward_but_possible_numbers_are_taken)
+{
+    hdt_arm arm = with_all_effects();
+    hdt_arm_joint &joint = arm.joint[1];
+    joint.v_max_radps = 20;               // more than a speed word can say
+    joint.friction_v_min_radps = 0.004;   // finer than the usual ramp
+    joint.warm_s = 1e15;                  // never warms up
+    joint.line[0].phase_rad = -1e-12;     // a whole turn after rounding
+    joint.friction_v_max_radps = 30;
+    const Made made = make(arm);
+    const hdt_joint_tab &tab = made.tables->joint[1];
+    ck_assert_int_eq(tab.spd_max, 32767);
+    ck_assert_double_eq_tol(tab.v_ramp_inv_q16 / 65536.0, 1 / 0.002, 1e-4);
+    ck_assert_int_eq(tab.cold_decay_q31, INT32_MAX);
+    ck_assert_uint_eq(tab.line[0].phase0, 0);
+    ck_assert_double_lt(made.report.friction_nm, 0.1); // over 45 rad/s
+    // joints whose friction is not known ramp as the others
+    arm.joint[1].has_friction = 0;
+    ck_assert_double_eq_tol(make(arm).tables->joint[1].v_ramp_inv_q16 / 65536.0, 100, 1e-4);
+}
+END_TEST
+
 START_TEST(test_only_terms_the_model_uses_are_on)
 {
     hdt_arm arm = pa10();
@@ -461,6 +483,7 @@ static Suite *tablegen_suite(void)
     tcase_add_test(numbers, test_worst_errors_of_the_pa10_stay_under_a_digit);
     tcase_add_test(numbers, test_friction_holds_up_to_the_joint_speed_and_beyond_validity);
     tcase_add_test(numbers, test_scaling_and_limits_are_those_of_the_model);
+    tcase_add_test(numbers, test_awkward_but_possible_numbers_are_taken);
     tcase_add_test(numbers, test_only_terms_the_model_uses_are_on);
     tcase_add_test(numbers, test_payload_is_a_heavier_last_link);
     tcase_add_loop_test(numbers, test_velocity_filter_is_a_second_order_butterworth, 0, 5);
