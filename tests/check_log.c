@@ -421,6 +421,44 @@ START_TEST(test_code_from_lcm_gen_reads_the_same_numbers)
 }
 END_TEST
 
+START_TEST(test_a_message_fits_its_room_or_nothing_is_said_to_be_written)
+{
+    static uint8_t buf[DRV_LCM_DATA_MAX];
+    static struct drv_run run;
+    static struct drv_record back;
+    uint64_t seed = 24;
+    struct drv_record rec = random_record(&seed, 3, 1);
+    run.version = DRV_LOG_VERSION;
+    run.joints = 3;
+    strcpy(run.arm, "rig");
+    strcpy(run.constants, "a = 1\n");
+    for (int k = 0; k < 2; k++) {
+        size_t whole = k ? drv_lcm_put_run(&run, buf, sizeof buf)
+                         : drv_lcm_put_record(&rec, 3, buf, sizeof buf);
+        ck_assert_uint_gt(whole, 60);
+        for (size_t room = 0; room <= whole + 1; room++) {
+            /* memory of exactly this size, so that a sanitizer sees the byte after it too */
+            uint8_t *exact = malloc(room + 1);
+            exact[room] = 0xc7;
+            size_t n = k ? drv_lcm_put_run(&run, exact, room) : drv_lcm_put_record(&rec, 3, exact, room);
+            ck_assert_uint_eq(n, room < whole ? 0 : whole);
+            ck_assert_uint_eq(exact[room], 0xc7);
+            free(exact);
+            exact = malloc(room ? room : 1);
+            memcpy(exact, buf, room);
+            static struct drv_run run_back;
+            int e = k ? drv_lcm_get_run(exact, room, &run_back) : drv_lcm_get_record(exact, room, 3, &back);
+            ck_assert_int_eq(e == DRV_LCM_OK, room == whole);
+            free(exact);
+        }
+    }
+    /* joints of the message and of the run must agree */
+    size_t n = drv_lcm_put_record(&rec, 3, buf, sizeof buf);
+    ck_assert_int_eq(drv_lcm_get_record(buf, n, 2, &back), DRV_LCM_DAMAGED);
+    ck_assert_int_eq(drv_lcm_get_record(buf, n, 4, &back), DRV_LCM_DAMAGED);
+}
+END_TEST
+
 /* ---- damage --------------------------------------------------------------------------------- */
 
 static void put_file(const char *path, const void *bytes, size_t size)
@@ -770,6 +808,7 @@ static Suite *log_suite(void)
     tcase_add_test(t, test_liblcm_reads_the_event_log);
     tcase_add_test(t, test_code_from_lcm_gen_reads_the_same_numbers);
     t = new_case(s, "damage");
+    tcase_add_test(t, test_a_message_fits_its_room_or_nothing_is_said_to_be_written);
     tcase_add_test(t, test_a_log_cut_at_any_byte_is_said_to_be_cut);
     tcase_add_test(t, test_any_byte_changed_is_safe_and_structure_is_noticed);
     tcase_add_test(t, test_random_bytes_are_never_a_log);
