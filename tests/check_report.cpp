@@ -509,9 +509,9 @@ START_TEST(test_a_title_keeps_its_colour)
     r.plot(make_plot("a", {s("residual before"), s("residual after"), s("gravity"), s("friction")}));
     r.plot(make_plot("b", {s("friction"), s("ripple"), s("after"), s("before")}));
     const std::string html = text_of(r);
-    ck_assert_str_eq(ink(html, 0, 1).c_str(), ink(html, 1, 4).c_str()); // before
-    ck_assert_str_eq(ink(html, 0, 2).c_str(), ink(html, 1, 3).c_str()); // after
-    ck_assert_str_eq(ink(html, 0, 4).c_str(), ink(html, 1, 1).c_str()); // friction
+    ck_assert(ink(html, 0, 1) == ink(html, 1, 4)); // before
+    ck_assert(ink(html, 0, 2) == ink(html, 1, 3)); // after
+    ck_assert(ink(html, 0, 4) == ink(html, 1, 1)); // friction
     std::set<std::string> first, second;
     for (int k = 1; k <= 4; ++k) {
         first.insert(ink(html, 0, k));
@@ -585,8 +585,10 @@ START_TEST(test_numbers_for_people)
         {1.5, 3, "1.50"}, {0.00012345, 3, "0.000123"}, {1.2345e-7, 3, "1.23e-07"}, {1.2345e12, 3, "1.23e+12"}, {2, 1, "2"},
         {1.23456, 5, "1.2346"}, {NAN, 3, "n/a"}, {INFINITY, 3, "n/a"}, {0.999999, 3, "1.00"},
     };
-    for (const auto &c : cases)
-        ck_assert_str_eq(num(c.x, c.digits).c_str(), c.want);
+    for (const auto &c : cases) {
+        const std::string text = num(c.x, c.digits); // the check keeps a pointer
+        ck_assert_str_eq(text.c_str(), c.want);
+    }
     // what is printed reads back to the digits asked for
     uint64_t seed = 8;
     for (int k = 0; k < 2000; ++k) {
