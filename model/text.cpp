@@ -29,6 +29,9 @@ std::string read_text(const std::string &path)
         errno = 0;
         const std::size_t n = std::fread(chunk.data(), 1, chunk.size(), file.get());
         // also what keeps an endless device from being read for ever
+        if (n >= 4 && text.empty() && std::memcmp(chunk.data(), "\xed\xa1\xda\x01", 4) == 0)
+            throw InputError(path + ": expected a text file, found an LCM event log; "
+                                    "record or convert to .csv for this use");
         if (std::memchr(chunk.data(), 0, n))
             throw InputError(path + ": expected a text file, found a zero byte");
         text.append(chunk.data(), n);

@@ -244,6 +244,12 @@ START_TEST(test_zero_byte_is_no_text_file)
 }
 END_TEST
 
+START_TEST(test_event_log_is_called_by_its_name)
+{
+    assert_has(refusal(std::string("\xed\xa1\xda\x01\0\0\0\0\0\0\0\0", 12)), "LCM event log");
+}
+END_TEST
+
 START_TEST(test_unreadable_paths_say_why)
 {
     assert_has(error_of(scratch("absent.csv")), "No such file");
@@ -461,6 +467,7 @@ static Suite *runlog_suite(void)
     tcase_add_loop_test(refuse, test_bad_head_is_refused_with_its_line, 0,
                         sizeof bad_heads / sizeof *bad_heads);
     tcase_add_test(refuse, test_zero_byte_is_no_text_file);
+    tcase_add_test(refuse, test_event_log_is_called_by_its_name);
     tcase_add_test(refuse, test_unreadable_paths_say_why);
     tcase_add_test(refuse, test_messages_never_carry_raw_bytes);
     tcase_add_test(refuse, test_truncation_anywhere_is_refused_or_ends_at_a_row);
