@@ -3,6 +3,7 @@
  * Logs: the CSV read back by a parser of the test's own, the event log read by liblcm and by code
  * from lcm-gen, files that are cut or damaged at every byte, disks that are full.
  */
+#define _GNU_SOURCE /* memmem */
 #include <errno.h>
 #include <lcm/lcm.h>
 #include <math.h>
@@ -596,6 +597,18 @@ START_TEST(test_wrong_files_and_versions_say_what_was_found)
     ck_assert_int_eq(read_all(lcm, &clean, err, sizeof err), -1);
     ck_assert_ptr_nonnull(strstr(err, "log version 2, this program reads version 1"));
     free(whole);
+
+    /* a cycle of another type, and one of another version, behind a good head */
+    for (int k = 0; k < 2; k++) {
+        write_log(lcm, &cfg, 3, 18);
+        whole = slurp(lcm, &size);
+        char *cycle = memmem(whole, size, "HDT_CYCLE", 9) + 9;
+        cycle[k ? 8 + 3 : 7] ^= 3;
+        put_file(lcm, whole, size);
+        ck_assert_int_eq(read_all(lcm, &clean, err, sizeof err), 0);
+        ck_assert_ptr_nonnull(strstr(err, "a cycle of another version"));
+        free(whole);
+    }
 }
 END_TEST
 
@@ -608,8 +621,8 @@ START_TEST(test_foreign_channels_are_passed_over_and_a_second_run_is_not)
     write_log(lcm, &cfg, 3, 19);
     char *whole = slurp(lcm, &size);
     /* foreign event longer than any of ours, in front and behind */
-    static uint8_t foreign[DRV_LCM_HEAD + 6 + 20000];
-    struct drv_lcm_head h = {.magic = DRV_LCM_MAGIC, .channel_len = 6, .data_len = 20000};
+    static uint8_t foreign[DRV_LCM_HEAD + 6 + 2 * DRV_LCM_DATA_MAX + 1];
+    struct drv_lcm_head h = {.magic = DRV_LCM_MAGIC, .channel_len = 6, .data_len = 2 * DRV_LCM_DATA_MAX + 1};
     drv_lcm_put_head(&h, foreign);
     memcpy(foreign + DRV_LCM_HEAD, "CAMERA", 6);
     FILE *f = fopen(lcm, "wb");
@@ -672,7 +685,7 @@ START_TEST(test_a_full_disk_at_any_size_is_an_error_and_leaves_the_old_log)
     signal(SIGXFSZ, SIG_IGN);
     for (unsigned k = 0; k < 2; k++) {
         struct rlimit was, limit;
-        unsigned failures = 0;
+        unsigned failures = 0, put_failures = 0;
         put_file(paths[k], "old", 3);
         for (rlim_t room = 0; room < 400000; room += 9973) {
             char err[300] = "";
@@ -693,6 +706,8 @@ START_TEST(test_a_full_disk_at_any_size_is_an_error_and_leaves_the_old_log)
             /* no assertion above: Check's own file is under the limit too */
             setrlimit(RLIMIT_FSIZE, &was);
             ck_assert_int_eq(recovered, 0);
+            ck_assert(first == 0 || first == -EFBIG);
+            put_failures += first != 0;
             ck_assert_int_eq(c, -EFBIG);
             failures++;
             ck_assert_int_eq(exists(part_of(paths[k])), 0);
@@ -702,6 +717,7 @@ START_TEST(test_a_full_disk_at_any_size_is_an_error_and_leaves_the_old_log)
             free(text);
         }
         ck_assert_uint_eq(failures, 41);
+        ck_assert_uint_gt(put_failures, 20); /* known long before the end of the run */
     }
 }
 END_TEST
