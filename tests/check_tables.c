@@ -194,6 +194,7 @@ END_TEST
 
 /* int32 (or uint32) members with the last value accepted on each side; next is refused */
 struct edge { const char *name; size_t at; int64_t lo, hi; };
+#define Q3_BELOW (3 * (1 << 24) - 1) /* one LSB below q_max of the random arm */
 #define HEAD(m, k, lo, hi) {#m, offsetof(struct hdt_tables, m) + 4 * (k), lo, hi}
 #define JOINT(m, k, lo, hi) {#m, offsetof(struct hdt_joint_tab, m) + 4 * (k), lo, hi}
 static const struct edge head_edges[] = {
@@ -228,6 +229,7 @@ static const struct edge joint_edges[] = {
     JOINT(dig_max, 0, 1, 32767),
     JOINT(dig_slew, 0, 1, 65535),
     JOINT(spd_max, 0, 0, 32767),
+    JOINT(q_min_q24, 0, -INT32_MAX, Q3_BELOW),
     JOINT(v_max_q24, 0, 1, INT32_MAX),
     JOINT(follow_max_q24, 0, 0, INT32_MAX),
 };
@@ -316,6 +318,23 @@ START_TEST(test_check_names_what_does_not_fit_together)
 }
 END_TEST
 
+START_TEST(test_any_stable_low_pass_is_accepted)
+{
+    /* numerator weights may be unequal or zero as long as a constant passes unchanged */
+    uint64_t r = 11;
+    for (int from = 0; from < 3; from++)
+        for (int to = 0; to < 3; to++) {
+            ref_random_arm(&r, 1, &arm);
+            const int32_t moved = arm.biquad_q28[from];
+            arm.biquad_q28[from] -= moved;
+            arm.biquad_q28[to] += moved;
+            ck_assert_int_eq(hdt_tables_check(&arm, NULL, NULL), HDT_TABLES_OK);
+            arm.biquad_q28[to] += 6;
+            assert_wrong("biquad_q28", -1, HDT_TABLES_RANGE);
+        }
+}
+END_TEST
+
 START_TEST(test_mirrored_axes_are_no_rotation)
 {
     /* a reflection passes every length and angle test; only its handedness is wrong */
@@ -357,6 +376,7 @@ static Suite *tables_suite(void)
     tcase_add_loop_test(i, test_any_bytes_are_read_or_refused, 0, 4);
     tcase_add_test(c, test_check_draws_every_line_where_it_says);
     tcase_add_test(c, test_check_names_what_does_not_fit_together);
+    tcase_add_test(c, test_any_stable_low_pass_is_accepted);
     tcase_add_test(c, test_mirrored_axes_are_no_rotation);
     tcase_add_test(c, test_every_error_has_its_words);
     suite_add_tcase(s, i);
