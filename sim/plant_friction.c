@@ -63,7 +63,7 @@ double plant_rub_kick(const struct plant_joint *j, const struct plant_rub *rub, 
 {
     struct extra x = extras(j, rub, k, angle_rad);
     double gain = k->h_s / k->inertia_kgm2;
-    double elastic = rub->elastic_nm > 0 ? *dahl_nm : 0;
+    double elastic = *dahl_nm; /* stays zero without presliding */
     double free_radps = speed_radps + gain * (k->drive_nm - x.torque_nm - elastic);
     int d = free_radps < 0;
     double sense = d ? -1 : 1;
@@ -77,7 +77,7 @@ double plant_rub_kick(const struct plant_joint *j, const struct plant_rub *rub, 
     double left = sense * free_radps - gain * dry;
     double speed = left > 0 ? sense * left / (1 + gain * rub->viscous_nmspr[d]) : 0;
     *friction_nm = (free_radps - speed) / gain + elastic;
-    if (rub->elastic_nm > 0 && speed != 0) {
+    if (rub->elastic_nm > 0) {
         double share = fmin(1, fabs(speed) * k->h_s / j->fx_presliding_rad);
         *dahl_nm += share * (sense * rub->elastic_nm - *dahl_nm);
     }

@@ -51,7 +51,6 @@ static void stop(struct servo *v)
 {
     v->s.mode = SERVO_STOP;
     v->plant.locked = (1u << v->model->joints) - 1;
-    memset(&v->s.command, 0, sizeof v->s.command);
     for (int i = 0; i < DRV_AXES; i++)
         v->s.command.axis[i].mode = DRV_AXIS_BRAKE;
     memset(v->s.integral_m_nm, 0, sizeof v->s.integral_m_nm);

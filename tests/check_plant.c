@@ -740,24 +740,24 @@ START_TEST(test_cold_friction_decays_with_the_thermal_time)
     double q = 0;
     m.gravity_mps2[2] = warm.gravity_mps2[2] = 0;
     m.joint[0].fx_cold_coulomb = 0.25;
-    m.joint[0].fx_warm_s = 2;
+    m.joint[0].fx_warm_s = 0.8;
     accept(&m);
     accept(&warm);
     plant_reset(&m, &s, &q, 1);
-    /* a motor torque of 22 N.m: above 18, below 18 * 1.25 until exp(-t / 2) < (22 / 18 - 1) / 0.25 */
-    double start = s.th_m_rad[0], until = -2 * log((22.0 / 18 - 1) / 0.25);
+    /* a motor torque of 22 N.m: above 18, below 18 * 1.25 until exp(-t / 0.8) < (22 / 18 - 1) / 0.25 */
+    double start = s.th_m_rad[0], until = -0.8 * log((22.0 / 18 - 1) / 0.25);
     run(&m, &s, 22.0 / 50, until - 0.01);
     ck_assert_double_eq(s.th_m_rad[0], start);
     run(&m, &s, 22.0 / 50, 0.1);
     ck_assert_double_gt(s.th_m_rad[0], start);
-    ck_assert_double_eq_tol(s.warm[0], 1 - exp(-s.t_s / 2), 1e-9);
+    ck_assert_double_eq_tol(s.warm[0], 1 - exp(-s.t_s / 0.8), 1e-9);
 
     m.joint[0].fx_cold_coulomb = 0;
     m.joint[0].fx_cold_viscous = 1;
     accept(&m);
     plant_reset(&m, &s, &q, 1);
     sliding_nm(&m, &s, 0.9, 0.6);
-    double v = speed(&m, &s, 0), cold = exp(-s.t_s / 2);
+    double v = speed(&m, &s, 0), cold = exp(-s.t_s / 0.8);
     const struct plant_friction *f = &m.joint[0].friction[0];
     double expected = f->f0_nm + f->fv_nmspr * (1 + cold) * v + f->fs_nm * (1 - exp(-v / f->vc_radps));
     ck_assert_double_eq_tol(s.friction_nm[0], expected, 0.05);
