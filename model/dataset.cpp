@@ -329,15 +329,16 @@ Mask spike_mask(const VectorXd &tau, double rate_hz)
     return m;
 }
 
-Mask standstill_mask(const Conditioned &c, Index j, double guard_s)
+Mask standstill_mask(const Conditioned &c, Index j, const ConditionOptions &options)
 {
+    double guard_s = options.reversal_guard_s;
     Index n = c.t_s.size();
     Mask m(static_cast<std::size_t>(n), 0);
     double last = 0, t_free = -1;
     Index first = 0; // rows before it are no longer inside a guard looking backwards
     for (Index i = 0; i < n; i++) {
         double d = c.dir(i, j);
-        if (d == 0 || c.t_s[i] < t_free)
+        if (d == 0 || c.t_s[i] < t_free || c.travel(i, j) < options.reversal_travel_rad)
             m[static_cast<std::size_t>(i)] = 1;
         if (d != 0 && last != 0 && d != last && guard_s > 0) {
             t_free = c.t_s[i] + guard_s;
@@ -353,11 +354,12 @@ Mask standstill_mask(const Conditioned &c, Index j, double guard_s)
     return m;
 }
 
-void mask_joint(const hdt_arm_joint &aj, const std::vector<Segment> &segs, Index j, double guard_s, Conditioned *c)
+void mask_joint(const hdt_arm_joint &aj, const std::vector<Segment> &segs, Index j, const ConditionOptions &options,
+                Conditioned *c)
 {
     Mask gap = gap_mask(c->t_s, segs, c->smooth_s[j]);
     Mask spike = spike_mask(c->tau.col(j), c->rate_hz);
-    Mask still = standstill_mask(*c, j, guard_s);
+    Mask still = standstill_mask(*c, j, options);
     double limit = saturation_share * aj.tau_max_m_nm * aj.ratio;
     MaskCount &count = c->masked[static_cast<std::size_t>(j)];
     for (Index i = 0; i < c->t_s.size(); i++) {
@@ -443,7 +445,7 @@ Conditioned condition(const Run &run, const hdt_arm &arm, const ConditionOptions
         prefer_reference(run.joint[static_cast<std::size_t>(j)], segs, j, &c);
         c.v_min[j] = options.v_min_radps > 0 ? options.v_min_radps : std::max(v_min_floor_radps, 3 * c.v_noise[j]);
         direction(j, &c);
-        mask_joint(arm.joint[j], segs, j, options.reversal_guard_s, &c);
+        mask_joint(arm.joint[j], segs, j, options, &c);
     }
     cut_blocks(options.block_s, &c);
     return c;

@@ -24,6 +24,7 @@ struct ConditionOptions {
     double block_s = 0.01;
     double v_min_radps = 0;         // slower rows are masked for friction's sake; 0: chosen from the resolver step
     double reversal_guard_s = 0;    // rows this close to a change of direction are masked too
+    double reversal_travel_rad = 0; // and rows with less travel than this behind them since
 };
 
 // Why rows were masked; a row is counted once, under the first reason that holds in the order

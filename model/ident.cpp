@@ -30,6 +30,7 @@ constexpr Index min_region_blocks = 20; // per line of stiffness
 constexpr double clear_sigmas = 2;
 constexpr double worth_rms = 1.01;      // a declared term that lowers rms by less is not in the data
 constexpr double useful_sigma = 0.5;    // of the file's number
+constexpr double fast_enough = 0.3;     // of the other direction's top speed
 constexpr double scale_sigma_max = 0.1;
 constexpr double loaded_nm = 0.5;       // rms gravity torque that can show a scale
 constexpr int rounds_max = 12, searches_max = 5;
@@ -120,6 +121,7 @@ Fit start(const hdt_arm &arm, std::vector<JointRows> rows, const std::vector<int
     f.base = !masses_known(arm);
     if (f.base) {
         f.candidates = base_candidates(arm);
+        f.problem.shared_size = base_sizes(arm, f.problem);
         return f;
     }
     f.problem.beta[0] = 1;
@@ -149,17 +151,15 @@ void reweight(Problem *p)
         j.weight = 1 / std::max(1e-9, j.rms);
 }
 
-// Choose base parameters for the present friction, without those that came out impossible.
+// Base parameters for the present friction, without those that came out impossible.  All that the
+// motion can show are fitted; expectations of their size keep those it hardly shows from going wild.
 void choose_base(const hdt_arm &arm, Fit *f)
 {
     Problem &p = f->problem;
     for (;;) {
         p.beta.setZero();
-        p.shared_free.clear();
-        std::vector<int> order = shared_order(p, f->candidates);
-        order.resize(shared_count(p, order));
-        std::sort(order.begin(), order.end());
-        p.shared_free = order;
+        p.shared_free = independent_shared(p, f->candidates);
+        p.ridge = best_ridge(p);
         solve_all(f);
         // a rotor turns with positive inertia
         std::vector<int> keep;
@@ -215,11 +215,49 @@ bool enforce_bounds(const hdt_arm &arm, const JointModel &prior, JointFitState *
             release_stribeck(prior, way, &m);
             changed = true;
         } else if (m.free_fv[way] && m.friction[way].fv_nmspr < 0) {
-            m.free_fv[way] = false;
-            m.friction[way].fv_nmspr = std::max(0.0, prior.friction[way].fv_nmspr);
+            for (int w = m.one_fv ? 0 : way; w < (m.one_fv ? 2 : way + 1); w++) {
+                m.free_fv[w] = false;
+                m.friction[w].fv_nmspr = std::max(0.0, prior.friction[w].fv_nmspr);
+            }
+            m.one_fv = false;
             changed = true;
         }
     }
+    return changed;
+}
+
+// Can this direction show its viscous slope?  Not when it never gets fast beside the other, nor when
+// it stays where a kept Stribeck curve still bends.
+bool shows_slope(const JointFitState &j, int way)
+{
+    const JointModel &m = j.model;
+    double top = j.rows.speed[way].maxCoeff(), other = j.rows.speed[1 - way].maxCoeff();
+    bool bends = !m.free_fs[way] && m.friction[way].fs_nm != 0 && top < 2 * m.friction[way].vc_radps;
+    return top > fast_enough * other && !bends;
+}
+
+// A slope that is not told apart from the file's stays the file's.  Where the file has none, the two
+// directions share one before either is given up.
+bool judge_viscous(const JointModel &prior, JointFitState *j)
+{
+    JointModel &m = j->model;
+    bool told[2], changed = false;
+    for (int way = 0; way < 2; way++) {
+        double was = prior.friction[way].fv_nmspr;
+        told[way] = excited(m.friction[way].fv_nmspr, sigma_of(*j, FV, way, 0), was) && (m.one_fv || shows_slope(*j, way));
+    }
+    bool none = prior.friction[0].fv_nmspr == 0 && prior.friction[1].fv_nmspr == 0;
+    if (none && !m.one_fv && m.free_fv[0] && m.free_fv[1] && !(told[0] && told[1])) {
+        m.one_fv = true;
+        return true;
+    }
+    for (int way = 0; way < 2; way++)
+        if (m.free_fv[way] && !told[way]) {
+            m.free_fv[way] = false;
+            m.friction[way].fv_nmspr = prior.friction[way].fv_nmspr;
+            changed = true;
+        }
+    m.one_fv = m.one_fv && m.free_fv[0];
     return changed;
 }
 
@@ -235,18 +273,7 @@ bool judge_friction(const JointModel &prior, JointFitState *j)
         }
     if (changed)
         return true;
-    for (int way = 0; way < 2; way++) {
-        // beside a kept Stribeck curve, slow motion shows its slope and not the viscous one
-        bool slow = !m.free_fs[way] && m.friction[way].fs_nm != 0
-                    && j->rows.speed[way].maxCoeff() < 2 * m.friction[way].vc_radps;
-        if (m.free_fv[way]
-            && (slow || !excited(m.friction[way].fv_nmspr, sigma_of(*j, FV, way, 0), prior.friction[way].fv_nmspr))) {
-            m.free_fv[way] = false;
-            m.friction[way].fv_nmspr = prior.friction[way].fv_nmspr;
-            changed = true;
-        }
-    }
-    return changed;
+    return judge_viscous(prior, j);
 }
 
 bool judge_ripple(const JointModel &prior, JointFitState *j)
@@ -449,6 +476,7 @@ IdentResult identify(const ArmFile &file, const std::vector<Run> &fit_runs, cons
     ConditionOptions how;
     how.block_s = options.block_s;
     how.reversal_guard_s = options.reversal_guard_s;
+    how.reversal_travel_rad = options.reversal_travel_rad;
     std::vector<Conditioned> fit_data = condition_all(fit_runs, arm, how), test_data = condition_all(test_runs, arm, how);
     std::vector<JointRows> rows = make_rows(arm, fit_data, true);
     std::vector<JointRows> before = rows;

@@ -22,7 +22,8 @@ namespace hdt {
 struct IdentOptions {
     std::vector<int> joints;        // 1-based; empty: all present
     double block_s = 0.01;          // rows are averaged over blocks of this length, regressors too
-    double reversal_guard_s = 0.03; // rows this close to a reversal are not fitted
+    double reversal_guard_s = 0.03; // rows this close to a reversal are not fitted,
+    double reversal_travel_rad = 0.002; // nor rows with less travel than this since: not yet sliding
 };
 
 struct FitParameter {

@@ -214,6 +214,8 @@ JointModel model_of(const hdt_arm_joint &joint)
 
 double sigma_of(const JointFitState &j, Kind kind, int way, int index)
 {
+    if (kind == FV && j.model.one_fv)
+        way = 0;
     for (std::size_t k = 0; k < j.columns.size(); k++)
         if (j.columns[k].kind == kind && j.columns[k].way == way && j.columns[k].index == index)
             return j.sigma[static_cast<Index>(k)];
@@ -294,6 +296,21 @@ std::vector<int> base_candidates(const hdt_arm &arm)
             out.push_back(10 * arm.joints + j);
     }
     return out;
+}
+
+Eigen::VectorXd base_sizes(const hdt_arm &arm, const Problem &p)
+{
+    double torque = 0, reach = 0, g = std::hypot(arm.gravity_mps2[0], arm.gravity_mps2[1], arm.gravity_mps2[2]);
+    for (const JointFitState &j : p.joint)
+        torque = std::max(torque, j.rows.y.cwiseAbs().maxCoeff());
+    for (int j = 0; j < arm.joints; j++)
+        reach += Eigen::Map<const Eigen::Vector3d>(arm.joint[j].origin_m).norm();
+    reach = std::max(reach + Eigen::Map<const Eigen::Vector3d>(arm.flange_m).norm(), 0.1);
+    double moment = torque / std::max(g, 1.0);
+    Eigen::VectorXd size = Eigen::VectorXd::Constant(11 * arm.joints, moment * reach);
+    for (int j = 0; j < arm.joints; j++)
+        size.segment(10 * j + 1, 3).setConstant(moment);
+    return size;
 }
 
 int rotor_column(const hdt_arm &arm, int column) { return column < 10 * arm.joints ? -1 : column - 10 * arm.joints; }

@@ -32,6 +32,8 @@ std::vector<FitParameter> write_base(const Problem &p, ArmFile *file);
 // Columns that can become base parameters: of a link's ten those that do not belong to the link
 // before it, and the rotor inertia of joints 2 and up where the file has none.
 std::vector<int> base_candidates(const hdt_arm &arm);
+// The size such a number can have in an arm of this length that needs the torque logged.
+Eigen::VectorXd base_sizes(const hdt_arm &arm, const Problem &p);
 // Is this shared column a rotor inertia?  Its joint (0-based), else -1.
 int rotor_column(const hdt_arm &arm, int column);
 

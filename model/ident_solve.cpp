@@ -26,6 +26,7 @@ constexpr double vc_min_radps = 0.003, vc_max_radps = 1;
 constexpr int vc_grid = 20;
 constexpr double leverage_max = 0.9;    // of one cluster
 constexpr Index runs_for_clusters = 4;
+constexpr double ridge_least = 1e-3, ridge_most = 1e4;
 
 int home_line(const hdt_arm_stiffness &k) { return 0 < k.t1_nm ? 0 : 0 <= k.t2_nm ? 1 : 2; }
 
@@ -41,6 +42,11 @@ VectorXd kink_column(const JointFitState &j, int way, int knot)
     Eigen::ArrayXd x = j.rows.load.array() - at;
     x = above ? Eigen::ArrayXd(x.max(0)) : Eigen::ArrayXd(x.min(0));
     return j.rows.share[way].array() * x;
+}
+
+VectorXd viscous_column(const JointFitState &j, int way)
+{
+    return (way == 0 ? 1 : -1) * j.rows.share[way].cwiseProduct(j.rows.speed[way]);
 }
 
 VectorXd decay(const JointFitState &j, int way, double vc)
@@ -75,7 +81,11 @@ void release(JointModel *m, const Column &c)
 {
     switch (c.kind) {
     case F0: m->free_f0[c.way] = false; break;
-    case FV: m->free_fv[c.way] = false; break;
+    case FV:
+        m->free_fv[c.way] = false;
+        m->free_fv[1] = m->free_fv[1] && !m->one_fv;
+        m->one_fv = false;
+        break;
     case FS: case VC: m->free_fs[c.way] = false; break;
     case RIPPLE_SIN: case RIPPLE_COS: m->free_ripple[static_cast<std::size_t>(c.index)] = 0; break;
     case KINK_1: case KINK_2: m->free_stiffness[c.way] = false; break;
@@ -104,8 +114,9 @@ struct Reduced {
 VectorXd kept_torque(const JointFitState &j)
 {
     VectorXd t = own_torque(j);
-    for (const Column &c : free_columns(j.model, false))
-        t -= *number(const_cast<JointModel *>(&j.model), c) * column(j, c);
+    JointModel now = j.model;
+    for (const Column &c : free_columns(now, false))
+        t -= *number(&now, c) * column(j, c);
     return t;
 }
 
@@ -159,13 +170,16 @@ MatrixXd stack(const Problem &p, const std::vector<Reduced> &r)
     Index rows = 0, columns = static_cast<Index>(p.shared_free.size()) + 1;
     for (const Reduced &x : r)
         rows += x.shared.rows();
-    MatrixXd out(rows, columns);
+    MatrixXd out = MatrixXd::Zero(rows + columns - 1, columns);
     Index at = 0;
     for (std::size_t j = 0; j < r.size(); j++) {
         Index n = r[j].shared.rows();
         out.middleRows(at, n) << p.joint[j].weight * r[j].shared, p.joint[j].weight * r[j].y;
         at += n;
     }
+    // one row for each expectation: number / size = 0
+    for (Index k = 0; k < columns - 1 && p.ridge > 0; k++)
+        out(rows + k, k) = std::sqrt(p.ridge) / p.shared_size[p.shared_free[static_cast<std::size_t>(k)]];
     return out;
 }
 
@@ -230,12 +244,26 @@ Grams grams(const Problem &p, const std::vector<int> &shared, bool by_run, bool 
     return g;
 }
 
+// The expectations' part of the sum of products, in the scaled columns; zero for own columns.
+VectorXd ridge_diagonal(const Problem &p, const Grams &g, double ridge)
+{
+    VectorXd d = VectorXd::Zero(g.scale.size());
+    Index s0 = g.begin[g.begin.size() - 2];
+    for (std::size_t k = 0; k < p.shared_free.size() && ridge > 0; k++) {
+        double size = p.shared_size[p.shared_free[k]] * g.scale[s0 + static_cast<Index>(k)];
+        d[s0 + static_cast<Index>(k)] = ridge / (size * size);
+    }
+    return d;
+}
+
 // Delete-one-cluster jackknife of the linearised fit.  A cluster that alone excites a number has
-// leverage one there; its leverage is capped, which leaves that number an honest large sigma.
-VectorXd jackknife(const Grams &g)
+// leverage one there; its leverage is capped, which leaves that number an honest large sigma.  What
+// an expectation pulls a number away from the truth by is added, the truth being of the size expected.
+VectorXd jackknife(const Problem &p, const Grams &g)
 {
     Index n = g.scale.size(), clusters = static_cast<Index>(g.gram.size());
-    MatrixXd all = MatrixXd::Zero(n, n);
+    VectorXd pull = ridge_diagonal(p, g, p.ridge);
+    MatrixXd all = pull.asDiagonal();
     for (const MatrixXd &m : g.gram)
         all += m;
     Eigen::SelfAdjointEigenSolver<MatrixXd> eig(all);
@@ -251,7 +279,13 @@ VectorXd jackknife(const Grams &g)
         var += (w * d).cwiseAbs2();
     }
     double many = static_cast<double>(clusters);
-    return ((many - 1) / many * var).cwiseSqrt().cwiseQuotient(g.scale);
+    var *= (many - 1) / many;
+    if (p.ridge > 0) {
+        MatrixXd off = w * (w.transpose() * pull.asDiagonal()); // change of the fit per unit of truth
+        VectorXd size = (pull.array() > 0).select((p.ridge / pull.array().max(1e-300)).sqrt(), 0.0).matrix();
+        var += (off * size.asDiagonal()).cwiseAbs2().rowwise().sum();
+    }
+    return var.cwiseSqrt().cwiseQuotient(g.scale);
 }
 
 // Error of the best Stribeck column of this speed, given an orthonormal basis of the others.
@@ -371,7 +405,7 @@ std::vector<Column> free_columns(const JointModel &m, bool with_vc)
             out.push_back({RIPPLE_SIN, 0, static_cast<int>(k)});
             out.push_back({RIPPLE_COS, 0, static_cast<int>(k)});
         }
-    for (int way = 0; way < 2; way++)
+    for (int way = 0; way < (m.one_fv ? 1 : 2); way++)
         if (m.free_fv[way])
             out.push_back({FV, way, 0});
     for (int way = 0; way < 2; way++)
@@ -395,7 +429,10 @@ VectorXd column(const JointFitState &j, const Column &c)
     double vc = j.model.friction[c.way].vc_radps;
     switch (c.kind) {
     case F0: return sign * share;
-    case FV: return sign * share.cwiseProduct(speed);
+    case FV:
+        if (j.model.one_fv)
+            return viscous_column(j, 0) + viscous_column(j, 1);
+        return viscous_column(j, c.way);
     case FS: return sign * share.array() * (1 - decay(j, c.way, vc).array());
     case VC:
         return -sign * j.model.friction[c.way].fs_nm / (vc * vc) * share.array() * speed.array()
@@ -417,7 +454,7 @@ VectorXd own_torque(const JointFitState &j)
         if (f.f0_nm != 0)
             t += f.f0_nm * column(j, {F0, way, 0});
         if (f.fv_nmspr != 0)
-            t += f.fv_nmspr * column(j, {FV, way, 0});
+            t += f.fv_nmspr * viscous_column(j, way);
         if (f.fs_nm != 0)
             t += f.fs_nm * column(j, {FS, way, 0});
         if (!m.has_stiffness)
@@ -482,6 +519,8 @@ std::vector<std::pair<std::size_t, Column>> solve(Problem *p)
         VectorXd own = r[k].r.triangularView<Eigen::Upper>().solve(r[k].top_y - r[k].top_shared * beta);
         for (std::size_t i = 0; i < r[k].columns.size(); i++)
             *number(&j.model, r[k].columns[i]) = own[static_cast<Index>(i)];
+        if (j.model.one_fv)
+            j.model.friction[1].fv_nmspr = j.model.friction[0].fv_nmspr;
         j.rms = std::sqrt(residual(*p, j).squaredNorm() / static_cast<double>(j.rows.rows()));
     }
     return released;
@@ -498,46 +537,43 @@ bool search_stribeck(Problem *p)
     return moved;
 }
 
-std::vector<int> shared_order(const Problem &p, const std::vector<int> &candidates)
+std::vector<int> independent_shared(const Problem &p, const std::vector<int> &candidates)
 {
     Problem with = p;
     with.shared_free = candidates;
-    std::vector<Reduced> r = reduce_all(with);
-    MatrixXd all = stack(with, r);
-    Eigen::ColPivHouseholderQR<MatrixXd> qr(all.leftCols(static_cast<Index>(candidates.size())));
-    qr.setThreshold(1e-8);
-    std::vector<int> order;
+    with.ridge = 0;
+    MatrixXd all = stack(with, reduce_all(with)).leftCols(static_cast<Index>(candidates.size()));
+    Eigen::ColPivHouseholderQR<MatrixXd> qr(all);
+    qr.setThreshold(1e-6);
+    std::vector<int> out;
     for (Index k = 0; k < qr.rank(); k++)
-        order.push_back(candidates[static_cast<std::size_t>(qr.colsPermutation().indices()[k])]);
-    return order;
+        out.push_back(candidates[static_cast<std::size_t>(qr.colsPermutation().indices()[k])]);
+    std::sort(out.begin(), out.end());
+    return out;
 }
 
-std::size_t shared_count(const Problem &p, const std::vector<int> &order)
+double best_ridge(const Problem &p)
 {
-    Grams g = grams(p, order, false, false, true);
+    Grams g = grams(p, p.shared_free, false, false, true);
     MatrixXd all = MatrixXd::Zero(g.scale.size(), g.scale.size());
     VectorXd score = VectorXd::Zero(g.scale.size());
     for (std::size_t c = 0; c < g.gram.size(); c++) {
         all += g.gram[c];
         score += g.score[c];
     }
-    double least = std::numeric_limits<double>::infinity();
-    std::size_t best = 0;
-    Index own = g.begin[g.begin.size() - 2];
-    for (std::size_t count = 0; count <= order.size(); count++) {
-        Index n = own + static_cast<Index>(count);
+    double least = std::numeric_limits<double>::infinity(), best = 1;
+    for (double ridge = ridge_least; ridge < ridge_most; ridge *= 4) {
         double error = 0;
         for (std::size_t c = 0; c < g.gram.size(); c++) {
-            MatrixXd rest = (all - g.gram[c]).topLeftCorner(n, n);
-            // the left-out stretch may hold all there is of a number: it is then zero, not wild
-            rest.diagonal().array() += 1e-9;
-            VectorXd x = rest.ldlt().solve((score - g.score[c]).head(n));
-            error += g.power[static_cast<Index>(c)] - 2 * x.dot(g.score[c].head(n))
-                     + x.dot(g.gram[c].topLeftCorner(n, n) * x);
+            MatrixXd rest = all - g.gram[c];
+            // the left-out stretch may hold all there is of an own number: it is then zero, not wild
+            rest.diagonal() += ridge_diagonal(p, g, ridge) + VectorXd::Constant(score.size(), 1e-9);
+            VectorXd x = rest.ldlt().solve(score - g.score[c]);
+            error += g.power[static_cast<Index>(c)] - 2 * x.dot(g.score[c]) + x.dot(g.gram[c] * x);
         }
         if (error < least) {
             least = error;
-            best = count;
+            best = ridge;
         }
     }
     return best;
@@ -546,14 +582,14 @@ std::size_t shared_count(const Problem &p, const std::vector<int> &order)
 void estimate_sigma(Problem *p)
 {
     Grams pieces = grams(*p, p->shared_free, false, true, false);
-    VectorXd sigma = jackknife(pieces);
+    VectorXd sigma = jackknife(*p, pieces);
     Index runs = 0;
     for (const JointFitState &j : p->joint)
         runs = std::max(runs, static_cast<Index>(j.rows.run_begin.size()) - 1);
     // scatter between runs, where there are runs enough to see it; a number only one run excites
     // shows none, so the larger of the two stands
     if (runs >= runs_for_clusters)
-        sigma = sigma.cwiseMax(jackknife(grams(*p, p->shared_free, true, true, false)));
+        sigma = sigma.cwiseMax(jackknife(*p, grams(*p, p->shared_free, true, true, false)));
     for (std::size_t k = 0; k < p->joint.size(); k++) {
         JointFitState &j = p->joint[k];
         j.columns = free_columns(j.model, true);

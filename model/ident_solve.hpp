@@ -26,6 +26,7 @@ struct Column { Kind kind; int way, index; };
 struct JointModel {
     hdt_arm_friction friction[2] = {};
     bool free_f0[2] = {}, free_fv[2] = {}, free_fs[2] = {}; // free_fs: and vc
+    bool one_fv = false;                // one viscous slope for both directions; its column is way 0's
     std::vector<double> ripple;         // sin, cos of every line
     std::vector<char> free_ripple;      // per line
     bool has_stiffness = false, free_stiffness[2] = {};
@@ -46,6 +47,8 @@ struct JointFitState {
 struct Problem {
     std::vector<JointFitState> joint;   // those with data
     std::vector<int> shared_free;       // indices of shared columns that are fitted
+    Eigen::VectorXd shared_size;        // what a shared number is expected to be at most; empty: no idea
+    double ridge = 0;                   // weight of that expectation, in rows
     Eigen::VectorXd beta;               // all shared columns; kept ones hold their value
     Eigen::VectorXd beta_sigma;         // 0 where kept
 };
@@ -71,10 +74,10 @@ std::vector<std::pair<std::size_t, Column>> solve(Problem *p);
 // Best Stribeck speed per joint and direction for the present shared numbers; true if one moved.
 bool search_stribeck(Problem *p);
 
-// Pivot order of the shared columns by what they add beyond own columns and earlier pivots.
-std::vector<int> shared_order(const Problem &p, const std::vector<int> &candidates);
-// How many of them predict left-out stretches of time best.
-std::size_t shared_count(const Problem &p, const std::vector<int> &order);
+// Those of the candidates that add anything beyond own columns and each other.
+std::vector<int> independent_shared(const Problem &p, const std::vector<int> &candidates);
+// The weight of the expected sizes that predicts left-out stretches of time best.
+double best_ridge(const Problem &p);
 
 // sigma of everything free, from leaving out one run, or one stretch of time, after the other.
 void estimate_sigma(Problem *p);
