@@ -182,11 +182,25 @@ static void discard(struct drv_writer *w)
     free(w);
 }
 
+/* 0 or a line in err. */
+static int check_constants(const char *path, const char *const *lines, char *err, size_t errlen)
+{
+    size_t total = 0;
+    for (unsigned i = 0; lines != NULL && lines[i] != NULL; i++) {
+        total += strlen(lines[i]) + 1;
+        if (!good_constant(lines[i]) || total >= DRV_CONSTANTS_MAX) {
+            refuse(err, errlen, "%s: constant %u: expected one line \"key = value\", %d bytes in all", path,
+                   i + 1, DRV_CONSTANTS_MAX - 1);
+            return -1;
+        }
+    }
+    return 0;
+}
+
 /* What can be wrong before a file is touched; 0 or a line in err. */
 static int check_cfg(const char *path, const struct drv_writer_cfg *cfg, char *err, size_t errlen)
 {
     struct stat st;
-    size_t total = 0;
     if (!ends_in(path, ".csv") && !ends_in(path, ".lcm")) {
         refuse(err, errlen, "%s: not a log name: expected one ending in .csv or .lcm", path);
         return -1;
@@ -201,19 +215,11 @@ static int check_cfg(const char *path, const struct drv_writer_cfg *cfg, char *e
                    cfg->ratio[j]);
             return -1;
         }
-    for (unsigned i = 0; cfg->constants != NULL && cfg->constants[i] != NULL; i++) {
-        total += strlen(cfg->constants[i]) + 1;
-        if (!good_constant(cfg->constants[i]) || total >= DRV_CONSTANTS_MAX) {
-            refuse(err, errlen, "%s: constant %u: expected one line \"key = value\", %d bytes in all", path,
-                   i + 1, DRV_CONSTANTS_MAX - 1);
-            return -1;
-        }
-    }
     if (stat(path, &st) == 0 && S_ISDIR(st.st_mode)) {
         refuse(err, errlen, "%s: is a directory", path);
         return -1;
     }
-    return 0;
+    return check_constants(path, cfg->constants, err, errlen);
 }
 
 struct drv_writer *drv_writer_open(const char *path, const struct drv_writer_cfg *cfg, char *err,

@@ -393,8 +393,8 @@ START_TEST(test_code_from_lcm_gen_reads_the_same_numbers)
     snprintf(got, sizeof got, "%s/got", dir);
     snprintf(cmd, sizeof cmd,
              "cd %s && root='%s' && mkdir gen && lcm-gen -c --c-no-pubsub --c-cpath gen --c-hpath gen "
-             "\"$root/driver/hdt_cycle.lcm\" && cc -Igen -o gen/dump \"$root/tests/lcm_dump.c\" gen/*.c -llcm "
-             "&& gen/dump run.lcm > got; e=$?; rm -r gen; exit $e",
+             "\"$root/driver/hdt_cycle.lcm\" && "
+             "cc -Igen -o gen/dump \"$root/tests/lcm_dump.c\" gen/*.c -llcm && gen/dump run.lcm > got; e=$?; rm -r gen; exit $e",
              dir, getcwd((char[500]){0}, 500));
     ck_assert_int_eq(system(cmd), 0);
     FILE *f = fopen(want, "w");
