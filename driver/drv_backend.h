@@ -20,8 +20,10 @@ __attribute__((format(printf, 4, 5)))
 int drv_bus_fail(int code, char *err, size_t errlen, const char *fmt, ...);
 
 /* As hdt_bus_open, with what follows the colon. */
-int drv_unix_open(struct hdt_bus *bus, const char *path, enum hdt_bus_side side, char *err, size_t errlen);
-int drv_can_open(struct hdt_bus *bus, const char *iface, enum hdt_bus_side side, char *err, size_t errlen);
+int drv_unix_open(struct hdt_bus *bus, const char *path, enum hdt_bus_side side, char *err,
+                  size_t errlen);
+int drv_can_open(struct hdt_bus *bus, const char *iface, enum hdt_bus_side side, char *err,
+                 size_t errlen);
 
 /* CAN identifiers are the ARCNET node the telegram is for: 254 the servo driver, 255 the host
  * [node numbers: public drivers].  The lower identifier, the command's, wins arbitration, so a

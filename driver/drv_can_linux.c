@@ -83,18 +83,20 @@ static int check_iface(int fd, const char *iface, struct ifreq *ifr, char *err, 
     memset(ifr, 0, sizeof *ifr);
     memcpy(ifr->ifr_name, iface, strlen(iface));
     if (ioctl(fd, SIOCGIFMTU, ifr) < 0)
-        return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "can:%s: no such interface (%s): see ip link",
-                            iface, strerror(errno));
+        return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen,
+                            "can:%s: no such interface (%s): see ip link", iface,
+                            strerror(errno));
     if (ifr->ifr_mtu < (int)CANFD_MTU)
         return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen,
                             "can:%s: set up for classical CAN (mtu %d), expected CAN FD (mtu %d): "
-                            "ip link set %s down, then mtu 72 (vcan) or type can fd on (controller)",
+                            "ip link set %s down, then mtu 72 (vcan) or type can fd on",
                             iface, ifr->ifr_mtu, (int)CANFD_MTU, iface);
     if (ioctl(fd, SIOCGIFFLAGS, ifr) < 0 || (ifr->ifr_flags & IFF_UP) == 0)
-        return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "can:%s: interface is down: ip link set %s up",
-                            iface, iface);
+        return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen,
+                            "can:%s: interface is down: ip link set %s up", iface, iface);
     if (ioctl(fd, SIOCGIFINDEX, ifr) < 0)
-        return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "can:%s: no index: %s", iface, strerror(errno));
+        return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "can:%s: no index: %s", iface,
+                            strerror(errno));
     return HDT_BUS_OK;
 }
 
@@ -121,25 +123,28 @@ static int set_up(int fd, const char *iface, enum hdt_bus_side side, char *err, 
     return HDT_BUS_OK;
 }
 
-int drv_can_open(struct hdt_bus *bus, const char *iface, enum hdt_bus_side side, char *err, size_t errlen)
+int drv_can_open(struct hdt_bus *bus, const char *iface, enum hdt_bus_side side, char *err,
+                 size_t errlen)
 {
     if (iface[0] == '\0' || strlen(iface) >= IFNAMSIZ)
         return drv_bus_fail(HDT_BUS_ERR_NAME, err, errlen,
-                            "can:%.40s: expected can:IFACE, an interface name of 1 to %d characters", iface,
+                            "can:%.40s: expected can:IFACE, a name of 1 to %d characters", iface,
                             IFNAMSIZ - 1);
     int fd = socket(AF_CAN, SOCK_RAW, CAN_RAW);
     if (fd < 0 && (errno == EAFNOSUPPORT || errno == EPROTONOSUPPORT))
         return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen,
-                            "can:%s: this kernel has no CAN sockets (AF_CAN): load the can and can-raw "
-                            "modules, or use unix:PATH", iface);
+                            "can:%s: this kernel has no CAN sockets (AF_CAN): load the can and "
+                            "can-raw modules, or use unix:PATH", iface);
     if (fd < 0)
-        return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "can:%s: no socket: %s", iface, strerror(errno));
+        return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "can:%s: no socket: %s", iface,
+                            strerror(errno));
     int e = set_up(fd, iface, side, err, errlen);
     struct can_bus *b = e == HDT_BUS_OK ? calloc(1, sizeof *b) : NULL;
     if (b == NULL) {
         close(fd);
         return e != HDT_BUS_OK ? e
-                               : drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "can:%s: out of memory", iface);
+                               : drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen,
+                                              "can:%s: out of memory", iface);
     }
     b->fd = fd;
     b->up = side == HDT_BUS_HOST;
@@ -151,7 +156,8 @@ int drv_can_open(struct hdt_bus *bus, const char *iface, enum hdt_bus_side side,
 
 #else
 
-int drv_can_open(struct hdt_bus *bus, const char *iface, enum hdt_bus_side side, char *err, size_t errlen)
+int drv_can_open(struct hdt_bus *bus, const char *iface, enum hdt_bus_side side, char *err,
+                 size_t errlen)
 {
     (void)bus;
     (void)side;

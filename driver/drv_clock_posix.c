@@ -29,5 +29,6 @@ static int posix_sleep_until_ns(void *ctx, uint64_t t_ns)
 
 struct hdt_clock hdt_clock_posix(void)
 {
-    return (struct hdt_clock){.ctx = NULL, .now_ns = posix_now_ns, .sleep_until_ns = posix_sleep_until_ns};
+    return (struct hdt_clock){
+        .ctx = NULL, .now_ns = posix_now_ns, .sleep_until_ns = posix_sleep_until_ns};
 }

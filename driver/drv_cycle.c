@@ -66,10 +66,10 @@ static int drain(struct drv_cycle *c)
         int e = c->bus.recv(c->bus.ctx, &f);
         if (e == HDT_BUS_ERR_AGAIN)
             break;
-        if (e == HDT_BUS_ERR_FRAME || (e == HDT_BUS_OK && drv_state_decode(&f, &s) != DRV_TELEGRAM_OK)) {
-            c->count.bad_frames++;
-        } else if (e == HDT_BUS_OK) {
+        if (e == HDT_BUS_OK && drv_state_decode(&f, &s) == DRV_TELEGRAM_OK) {
             fresh |= take(c, &s);
+        } else if (e == HDT_BUS_OK || e == HDT_BUS_ERR_FRAME) {
+            c->count.bad_frames++;
         } else {
             c->count.bus_down++;
             if (c->want_type != 0)
@@ -135,7 +135,8 @@ static void send_mode(struct drv_cycle *c, uint8_t type)
     c->wait = DRV_CYCLE_RETRY - 1;
 }
 
-static void send_cyclic(struct drv_cycle *c, const struct hdt_in *in, const struct hdt_out *out, int safe)
+static void send_cyclic(struct drv_cycle *c, const struct hdt_in *in, const struct hdt_out *out,
+                        int safe)
 {
     struct drv_command cmd;
     unsigned joints = c->core.tables->joints;

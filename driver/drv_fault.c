@@ -80,8 +80,8 @@ static int fault_recv(void *ctx, struct hdt_frame *frame)
     return e;
 }
 
-void drv_fault_wrap(struct drv_fault *f, const struct drv_fault_cfg *cfg, const struct hdt_bus *good,
-                    struct hdt_bus *bad)
+void drv_fault_wrap(struct drv_fault *f, const struct drv_fault_cfg *cfg,
+                    const struct hdt_bus *good, struct hdt_bus *bad)
 {
     memset(f, 0, sizeof *f);
     f->good = *good;

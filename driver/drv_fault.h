@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * A bus that breaks on purpose, at chosen calls: wraps any other bus.  For tests of what uses a bus.
+ * A bus that breaks on purpose, at chosen calls: wraps any other bus.  For tests.
  *
  * Owns: which calls break, and how.
  * Never: allocates; the memory is the caller's.
@@ -42,8 +42,8 @@ struct drv_fault {
 };
 
 /* bad is then the broken view of good; both stay the caller's, and closing bad closes nothing. */
-void drv_fault_wrap(struct drv_fault *f, const struct drv_fault_cfg *cfg, const struct hdt_bus *good,
-                    struct hdt_bus *bad);
+void drv_fault_wrap(struct drv_fault *f, const struct drv_fault_cfg *cfg,
+                    const struct hdt_bus *good, struct hdt_bus *bad);
 
 #ifdef __cplusplus
 }

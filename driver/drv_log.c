@@ -117,8 +117,8 @@ static int csv_begin(struct drv_writer *w)
 {
     const struct hdt_tables *t = w->cfg.tables;
     FILE *f = w->f;
-    fprintf(f, "# format = hdt-log\n# version = %d\n# arm = %.31s\n# table_digest = ", DRV_LOG_VERSION,
-            t->name);
+    fprintf(f, "# format = hdt-log\n# version = %d\n# arm = %.31s\n# table_digest = ",
+            DRV_LOG_VERSION, t->name);
     for (unsigned i = 0; i < sizeof t->digest; i++)
         fprintf(f, "%02x", t->digest[i]);
     fprintf(f, "\n# period_ns = %" PRIu32 "\n", t->period_ns);
@@ -128,7 +128,8 @@ static int csv_begin(struct drv_writer *w)
         fprintf(f, "# %s\n", w->cfg.constants[i]);
     fputs("t_s", f);
     for (unsigned j = 1; j <= t->joints; j++)
-        fprintf(f, ",q%u_rad,tau%u_nm,v%u_radps,qref%u_rad,vref%u_radps,aref%u_radps2", j, j, j, j, j, j);
+        fprintf(f, ",q%u_rad,tau%u_nm,v%u_radps,qref%u_rad,vref%u_radps,aref%u_radps2", j, j, j, j,
+                j, j);
     if (w->cfg.terms) {
         for (unsigned j = 0; j < t->joints; j++) {
             for (unsigned k = 0; k < HDT_TERMS; k++)
@@ -189,7 +190,8 @@ static int check_constants(const char *path, const char *const *lines, char *err
     for (unsigned i = 0; lines != NULL && lines[i] != NULL; i++) {
         total += strlen(lines[i]) + 1;
         if (!good_constant(lines[i]) || total >= DRV_CONSTANTS_MAX) {
-            refuse(err, errlen, "%s: constant %u: expected one line \"key = value\", %d bytes in all", path,
+            refuse(err, errlen,
+                   "%s: constant %u: expected one line \"key = value\", %d bytes in all", path,
                    i + 1, DRV_CONSTANTS_MAX - 1);
             return -1;
         }
@@ -211,8 +213,8 @@ static int check_cfg(const char *path, const struct drv_writer_cfg *cfg, char *e
     }
     for (unsigned j = 0; j < cfg->tables->joints; j++)
         if (!(cfg->ratio[j] > 0.0 && cfg->ratio[j] < 1e6)) {
-            refuse(err, errlen, "%s: ratio of joint %u is %g: expected the gear ratio, above 0", path, j + 1,
-                   cfg->ratio[j]);
+            refuse(err, errlen, "%s: ratio of joint %u is %g: expected the gear ratio, above 0",
+                   path, j + 1, cfg->ratio[j]);
             return -1;
         }
     if (stat(path, &st) == 0 && S_ISDIR(st.st_mode)) {
@@ -262,7 +264,8 @@ int drv_writer_put(struct drv_writer *w, const struct drv_record *rec)
     if (w->failed)
         return w->failed;
     int e = w->lcm ? put_event(w, DRV_LCM_CHANNEL_CYCLE, rec->in.t_us,
-                               drv_lcm_put_record(rec, w->cfg.tables->joints, w->buf, sizeof w->buf))
+                               drv_lcm_put_record(rec, w->cfg.tables->joints, w->buf,
+                                                  sizeof w->buf))
                    : csv_row(w, rec);
     if (e != 0)
         w->failed = errno > 0 ? -errno : -EIO;

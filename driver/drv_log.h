@@ -33,8 +33,8 @@ struct drv_record {
     uint16_t link;                      /* enum drv_link */
 };
 
-/* Capacity is a power of two, at most 2^24; memory is the caller's.  A record is some 2 KB: a second
- * at 700 Hz takes 1024 of them. */
+/* Capacity is a power of two, at most 2^24; memory is the caller's.  A record is some 1.5 KB; a
+ * second at 700 Hz takes 1024 of them. */
 struct drv_ring {
     struct drv_record *slot;
     unsigned mask;
@@ -53,7 +53,7 @@ struct drv_writer;
 struct drv_writer_cfg {
     const struct hdt_tables *tables;    /* must outlive the writer */
     double ratio[HDT_JOINTS_MAX];       /* gear ratio, for output-side torque in the CSV */
-    const char *const *constants;       /* "key = value" lines about the run, NULL-ended; may be NULL */
+    const char *const *constants;       /* "key = value" lines about the run, NULL-ended, or NULL */
     int terms;                          /* CSV: also a column per term and joint, <term>{j}_nm */
 };
 /* Errors: NULL and a line in err.  Context: not in the cycle. */
@@ -84,7 +84,7 @@ struct drv_run {
 struct drv_reader;
 struct drv_reader *drv_reader_open(const char *path, char *err, size_t errlen);
 const struct drv_run *drv_reader_run(const struct drv_reader *r);
-/* 1 and a record, 0 at the end, negative when the file is damaged; drv_reader_error then says where. */
+/* 1 and a record, 0 at the end, negative when the file is damaged: drv_reader_error says where. */
 int drv_reader_next(struct drv_reader *r, struct drv_record *rec);
 const char *drv_reader_error(const struct drv_reader *r); /* "" while all is well */
 void drv_reader_close(struct drv_reader *r);

@@ -57,7 +57,8 @@ static int next_event(struct drv_reader *r, char channel[DRV_LCM_CHANNEL_MAX + 1
     if (fread(channel, 1, h.channel_len, r->f) != h.channel_len)
         return cut_off(r);
     channel[h.channel_len] = '\0';
-    int ours = strcmp(channel, DRV_LCM_CHANNEL_RUN) == 0 || strcmp(channel, DRV_LCM_CHANNEL_CYCLE) == 0;
+    int ours = strcmp(channel, DRV_LCM_CHANNEL_RUN) == 0 ||
+               strcmp(channel, DRV_LCM_CHANNEL_CYCLE) == 0;
     if (ours && h.data_len > sizeof r->buf)
         return fail(r, "an event of ours longer than ours can be");
     *len = h.data_len;
@@ -98,8 +99,8 @@ static int read_run(struct drv_reader *r)
         break;
     case DRV_LCM_VERSION:
         (void)snprintf(line, sizeof line,
-                       "log version %lu, this program reads version %d: convert it with the program that "
-                       "wrote it", (unsigned long)r->run.version, DRV_LOG_VERSION);
+                       "log version %lu, this program reads version %d: convert it with the "
+                       "program that wrote it", (unsigned long)r->run.version, DRV_LOG_VERSION);
         return fail(r, line);
     case DRV_LCM_TYPE:
         return fail(r, "the run's head is not of the type hdt.run_t this version has");

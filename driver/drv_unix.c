@@ -34,7 +34,8 @@ static int set_up(int fd)
 {
     int flags = fcntl(fd, F_GETFL);
     int bytes = SEND_QUEUE_BYTES;
-    if (flags < 0 || fcntl(fd, F_SETFL, flags | O_NONBLOCK) < 0 || fcntl(fd, F_SETFD, FD_CLOEXEC) < 0)
+    if (flags < 0 || fcntl(fd, F_SETFL, flags | O_NONBLOCK) < 0 ||
+        fcntl(fd, F_SETFD, FD_CLOEXEC) < 0)
         return -1;
     /* a queue of the default size works too, it is only longer */
     (void)setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &bytes, sizeof bytes);
@@ -155,18 +156,21 @@ static int clear_stale(const struct sockaddr_un *addr, char *err, size_t errlen)
                                               strerror(errno));
     if (!S_ISSOCK(st.st_mode))
         return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen,
-                            "unix:%s: is there already and is no socket: remove it or choose another path",
+                            "unix:%s: is there already and is no socket: remove it or choose "
+                            "another path",
                             path);
     int fd = connect_to(addr);
     if (fd >= 0 || errno == EAGAIN) {
         if (fd >= 0)
             close(fd);
         return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen,
-                            "unix:%s: another servo listens there: stop it or choose another path", path);
+                            "unix:%s: another servo listens there: stop it or choose another path",
+                            path);
     }
     if (errno != ECONNREFUSED)
         return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen,
-                            "unix:%s: a socket is there but cannot be tried: %s", path, strerror(errno));
+                            "unix:%s: a socket is there but cannot be tried: %s", path,
+                            strerror(errno));
     if (unlink(path) < 0 && errno != ENOENT)
         return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen,
                             "unix:%s: stale socket cannot be removed: %s", path, strerror(errno));
@@ -179,7 +183,8 @@ static int open_servo(struct unix_bus *b, char *err, size_t errlen)
     struct stat st;
     b->listen_fd = new_socket();
     if (b->listen_fd < 0)
-        return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "unix:%s: no socket: %s", path, strerror(errno));
+        return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "unix:%s: no socket: %s", path,
+                            strerror(errno));
     int e = bind(b->listen_fd, (const struct sockaddr *)&b->addr, sizeof b->addr);
     if (e < 0 && errno == EADDRINUSE) {
         int cleared = clear_stale(&b->addr, err, errlen);
@@ -191,7 +196,8 @@ static int open_servo(struct unix_bus *b, char *err, size_t errlen)
         return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "unix:%s: cannot be made: %s", path,
                             strerror(errno));
     if (listen(b->listen_fd, 4) < 0 || lstat(path, &st) < 0) {
-        e = drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "unix:%s: cannot listen: %s", path, strerror(errno));
+        e = drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "unix:%s: cannot listen: %s", path,
+                         strerror(errno));
         (void)unlink(path);
         return e;
     }
@@ -208,23 +214,27 @@ static int open_host(struct unix_bus *b, char *err, size_t errlen)
         return HDT_BUS_OK;
     if (errno == ENOENT || errno == ECONNREFUSED)
         return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen,
-                            "unix:%s: no servo listens there: start it first (hdt servo --bus unix:%s)",
+                            "unix:%s: no servo listens there: start it first "
+                            "(hdt servo --bus unix:%s)",
                             path, path);
     return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "unix:%s: cannot connect: %s", path,
                         strerror(errno));
 }
 
-int drv_unix_open(struct hdt_bus *bus, const char *path, enum hdt_bus_side side, char *err, size_t errlen)
+int drv_unix_open(struct hdt_bus *bus, const char *path, enum hdt_bus_side side, char *err,
+                  size_t errlen)
 {
     size_t len = strlen(path);
     if (len == 0)
-        return drv_bus_fail(HDT_BUS_ERR_NAME, err, errlen, "unix: without a path: expected unix:PATH");
+        return drv_bus_fail(HDT_BUS_ERR_NAME, err, errlen,
+                            "unix: without a path: expected unix:PATH");
     struct unix_bus *b = calloc(1, sizeof *b);
     if (b == NULL)
         return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "unix:%.100s: out of memory", path);
     if (len >= sizeof b->addr.sun_path) {
         int e = drv_bus_fail(HDT_BUS_ERR_NAME, err, errlen,
-                             "unix:%.40s...: path of %lu bytes, at most %lu: choose a shorter one", path,
+                             "unix:%.40s...: path of %lu bytes, at most %lu: choose a shorter one",
+                             path,
                              (unsigned long)len, (unsigned long)sizeof b->addr.sun_path - 1);
         free(b);
         return e;

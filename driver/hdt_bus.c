@@ -25,11 +25,13 @@ int drv_bus_fail(int code, char *err, size_t errlen, const char *fmt, ...)
     return code;
 }
 
-int hdt_bus_open(struct hdt_bus *bus, const char *name, enum hdt_bus_side side, char *err, size_t errlen)
+int hdt_bus_open(struct hdt_bus *bus, const char *name, enum hdt_bus_side side, char *err,
+                 size_t errlen)
 {
     memset(bus, 0, sizeof *bus);
     if (name == NULL)
-        return drv_bus_fail(HDT_BUS_ERR_NAME, err, errlen, "no bus given: expected unix:PATH or can:IFACE");
+        return drv_bus_fail(HDT_BUS_ERR_NAME, err, errlen,
+                            "no bus given: expected unix:PATH or can:IFACE");
     const char *rest = strchr(name, ':');
     if (rest != NULL && strncmp(name, "unix:", 5) == 0)
         return drv_unix_open(bus, rest + 1, side, err, errlen);

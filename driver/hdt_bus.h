@@ -48,7 +48,8 @@ enum hdt_bus_side { HDT_BUS_HOST, HDT_BUS_SERVO };
  * opened by name: drv_loop_pair makes both.
  * Errors: negative, *bus zeroed, one line in err saying what, where and the remedy.
  * Context: start-up; allocates. */
-int hdt_bus_open(struct hdt_bus *bus, const char *name, enum hdt_bus_side side, char *err, size_t errlen);
+int hdt_bus_open(struct hdt_bus *bus, const char *name, enum hdt_bus_side side, char *err,
+                 size_t errlen);
 void hdt_bus_close(struct hdt_bus *bus); /* zeroes *bus; a zeroed bus is left alone */
 const char *hdt_bus_strerror(int err);
 

@@ -108,14 +108,16 @@ END_TEST
 
 START_TEST(test_a_wrong_name_is_one_line_and_a_zeroed_bus)
 {
-    static const char *const names[] = {NULL, "", "unix", "tcp:host", "unix:", "can:", "loop:", "UNIX:/x",
+    static const char *const names[] = {NULL, "", "unix", "tcp:host", "unix:", "can:", "loop:",
+        "UNIX:/x",
                                         "can:an_interface_name_too_long", "eth0"};
     static const struct hdt_bus zero;
     for (unsigned i = 0; i < sizeof names / sizeof names[0]; i++) {
         struct hdt_bus b;
         char err[300] = "";
         memset(&b, 0xff, sizeof b);
-        ck_assert_int_eq(hdt_bus_open(&b, names[i], HDT_BUS_HOST, err, sizeof err), HDT_BUS_ERR_NAME);
+        ck_assert_int_eq(hdt_bus_open(&b, names[i], HDT_BUS_HOST, err, sizeof err),
+                         HDT_BUS_ERR_NAME);
         ck_assert_mem_eq(&b, &zero, sizeof b);
         ck_assert_uint_gt(strlen(err), 10);
         ck_assert_ptr_null(strchr(err, '\n'));
@@ -123,11 +125,16 @@ START_TEST(test_a_wrong_name_is_one_line_and_a_zeroed_bus)
             ck_assert_ptr_nonnull(strstr(err, names[i])); /* says what was found */
         ck_assert_ptr_nonnull(strstr(err, "unix:PATH") != NULL ? strstr(err, "unix:PATH")
                                                                : strstr(err, "can:IFACE"));
+        if (names[i] != NULL && strcmp(names[i], "loop:") == 0)
+            ck_assert_ptr_nonnull(strstr(err, "both ends in one process"));
+        if (names[i] != NULL && strncmp(names[i], "tcp", 3) == 0)
+            ck_assert_ptr_nonnull(strstr(err, "not a bus"));
         hdt_bus_close(&b); /* a zeroed bus is left alone */
         /* no room for the line is no crash */
         ck_assert_int_eq(hdt_bus_open(&b, names[i], HDT_BUS_HOST, NULL, 0), HDT_BUS_ERR_NAME);
         char tiny[4];
-        ck_assert_int_eq(hdt_bus_open(&b, names[i], HDT_BUS_HOST, tiny, sizeof tiny), HDT_BUS_ERR_NAME);
+        ck_assert_int_eq(hdt_bus_open(&b, names[i], HDT_BUS_HOST, tiny, sizeof tiny),
+                         HDT_BUS_ERR_NAME);
         ck_assert_uint_eq(strlen(tiny), 3);
     }
     for (int e = -104; e <= 0; e++)
@@ -277,6 +284,9 @@ START_TEST(test_servo_outlives_its_hosts_one_after_the_other)
     assert_same(&got, &g);
     hdt_bus_close(&second);
     hdt_bus_close(&servo);
+    ck_assert_ptr_null(servo.send);
+    ck_assert_ptr_null(servo.ctx);
+    hdt_bus_close(&servo); /* twice is once */
     ck_assert_int_ne(access(path, F_OK), 0); /* the socket file went with the servo */
     open_fails(HDT_BUS_HOST, "start it first");
 }
@@ -477,7 +487,8 @@ START_TEST(test_can_trim_returns_the_telegram_or_refuses)
             memcpy(wire, f.data, f.len);
             for (unsigned len = 0; len <= 65; len++) {
                 int ok = len == drv_can_padded(f.len);
-                ck_assert_int_eq(drv_can_trim(wire, len, (int)up, &got), ok ? HDT_BUS_OK : HDT_BUS_ERR_FRAME);
+                ck_assert_int_eq(drv_can_trim(wire, len, (int)up, &got),
+                                 ok ? HDT_BUS_OK : HDT_BUS_ERR_FRAME);
                 if (ok)
                     assert_same(&f, &got);
             }
@@ -550,7 +561,8 @@ START_TEST(test_each_fault_does_what_its_name_says_at_its_call_only)
         static struct drv_loop loop;
         struct hdt_bus host, servo, bad;
         struct drv_fault fault;
-        struct drv_fault_cfg cfg = {.mode = (enum drv_fault_mode)mode, .nth = 3, .at = 12, .flip = 0x80};
+        struct drv_fault_cfg cfg = {.mode = (enum drv_fault_mode)mode, .nth = 3, .at = 12,
+            .flip = 0x80};
         struct hdt_frame f = frame_of(10, 6), got;
         drv_loop_pair(&loop, &host, &servo);
         drv_fault_wrap(&fault, &cfg, &host, &bad);

@@ -79,10 +79,12 @@ static void rig_period(struct rig *r)
         unsigned mode = r->sent.axis[j].mode;
         int torque = r->sent.axis[j].torque_dig, speed = r->sent.axis[j].speed_dig;
         int parked = mode == DRV_AXIS_BRAKE && torque == 0 && speed == 0;
-        int driven = (mode & DRV_AXIS_BRAKE) == 0 && r->out.fault == 0 && (r->in.active >> j & 1u) != 0 &&
+        int driven = (mode & DRV_AXIS_BRAKE) == 0 && r->out.fault == 0 &&
+            (r->in.active >> j & 1u) != 0 &&
                      r->c.in_step && torque == r->out.digit[j].raw && speed == r->out.speed[j].raw;
         if (!parked && !driven)
-            ck_abort_msg("axis %u: mode %u, torque %d, speed %d, core %d and %d, fault %u", j, mode, torque,
+            ck_abort_msg("axis %u: mode %u, torque %d, speed %d, core %d and %d, fault %u", j, mode,
+                         torque,
                          speed, r->out.digit[j].raw, r->out.speed[j].raw, r->out.fault);
     }
     ck_assert_uint_eq(r->sends_ok, r->c.count.received + r->c.count.lost + (r->c.want_type != 0));
@@ -218,7 +220,8 @@ START_TEST(test_alarm_bits_reach_the_core)
         {0x010, 0, 1u << 1},
         {0, DRV_DRIVER_HOST_TIMEOUT << DRV_ALARM_SHIFT, 0x7f},
         /* no alarms: limits, power off, driver flags */
-        {DRV_AXIS_LIMIT_POS | DRV_AXIS_LIMIT_NEG | DRV_AXIS_POWER_OFF | DRV_AXIS_UNCONTROLLABLE, 0xf00f, 0},
+        {DRV_AXIS_LIMIT_POS | DRV_AXIS_LIMIT_NEG | DRV_AXIS_POWER_OFF | DRV_AXIS_UNCONTROLLABLE,
+            0xf00f, 0},
     };
     for (unsigned k = 0; k < sizeof cases / sizeof cases[0]; k++) {
         struct rig r;
@@ -523,7 +526,8 @@ START_TEST(test_fewer_joints_than_axes_leave_the_rest_braked)
     rig_periods(&r, 5);
     ck_assert_uint_eq(r.in.fresh, 0xf);
     for (unsigned j = 0; j < DRV_AXES; j++)
-        ck_assert_uint_eq(r.sent.axis[j].mode, j < 4 ? DRV_AXIS_SERVO | DRV_AXIS_TORQUE : DRV_AXIS_BRAKE);
+        ck_assert_uint_eq(r.sent.axis[j].mode,
+                          j < 4 ? DRV_AXIS_SERVO | DRV_AXIS_TORQUE : DRV_AXIS_BRAKE);
 }
 END_TEST
 
@@ -549,7 +553,8 @@ START_TEST(test_one_broken_call_is_counted_and_survived)
     for (unsigned n = 1;; n++) {
         struct rig r;
         struct drv_fault f;
-        struct drv_fault_cfg cfg = {.mode = mode, .nth = n, .at = n * 7u, .flip = (uint8_t)(n * 29u | 1u)};
+        struct drv_fault_cfg cfg = {.mode = mode, .nth = n, .at = n * 7u,
+            .flip = (uint8_t)(n * 29u | 1u)};
         if (broken_run(cfg, &r, &f) < n)
             break;
         fired += f.hits;

@@ -120,7 +120,8 @@ static void write_log(const char *path, const struct drv_writer_cfg *cfg, unsign
 {
     struct drv_writer *w = open_ok(path, cfg);
     for (unsigned i = 0; i < n; i++) {
-        struct drv_record r = random_record(&seed, cfg->tables->joints, 5000000 + 1429 * (uint64_t)i);
+        struct drv_record r = random_record(&seed, cfg->tables->joints,
+                                            5000000 + 1429 * (uint64_t)i);
         ck_assert_int_eq(drv_writer_put(w, &r), 0);
     }
     ck_assert_int_eq(drv_writer_close(w, 1), 0);
@@ -174,7 +175,8 @@ START_TEST(test_csv_gives_back_every_count)
     char want[1000] = "t_s";
     for (int j = 1; j <= 7; j++)
         sprintf(want + strlen(want),
-                ",q%d_rad,tau%d_nm,v%d_radps,qref%d_rad,vref%d_radps,aref%d_radps2", j, j, j, j, j, j);
+                ",q%d_rad,tau%d_nm,v%d_radps,qref%d_rad,vref%d_radps,aref%d_radps2", j, j, j, j, j,
+                    j);
     ck_assert_str_eq(p, want);
     uint64_t seed = 7;
     for (unsigned i = 0; i < 50; i++) {
@@ -441,14 +443,16 @@ START_TEST(test_a_message_fits_its_room_or_nothing_is_said_to_be_written)
             /* memory of exactly this size, so that a sanitizer sees the byte after it too */
             uint8_t *exact = malloc(room + 1);
             exact[room] = 0xc7;
-            size_t n = k ? drv_lcm_put_run(&run, exact, room) : drv_lcm_put_record(&rec, 3, exact, room);
+            size_t n = k ? drv_lcm_put_run(&run, exact, room) : drv_lcm_put_record(&rec, 3, exact,
+                                                                                   room);
             ck_assert_uint_eq(n, room < whole ? 0 : whole);
             ck_assert_uint_eq(exact[room], 0xc7);
             free(exact);
             exact = malloc(room ? room : 1);
             memcpy(exact, buf, room);
             static struct drv_run run_back;
-            int e = k ? drv_lcm_get_run(exact, room, &run_back) : drv_lcm_get_record(exact, room, 3, &back);
+            int e = k ? drv_lcm_get_run(exact, room, &run_back) : drv_lcm_get_record(exact, room, 3,
+                                                                                     &back);
             ck_assert_int_eq(e == DRV_LCM_OK, room == whole);
             free(exact);
         }
@@ -622,7 +626,8 @@ START_TEST(test_foreign_channels_are_passed_over_and_a_second_run_is_not)
     char *whole = slurp(lcm, &size);
     /* foreign event longer than any of ours, in front and behind */
     static uint8_t foreign[DRV_LCM_HEAD + 6 + 2 * DRV_LCM_DATA_MAX + 1];
-    struct drv_lcm_head h = {.magic = DRV_LCM_MAGIC, .channel_len = 6, .data_len = 2 * DRV_LCM_DATA_MAX + 1};
+    struct drv_lcm_head h = {.magic = DRV_LCM_MAGIC, .channel_len = 6,
+        .data_len = 2 * DRV_LCM_DATA_MAX + 1};
     drv_lcm_put_head(&h, foreign);
     memcpy(foreign + DRV_LCM_HEAD, "CAMERA", 6);
     FILE *f = fopen(lcm, "wb");
