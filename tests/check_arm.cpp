@@ -524,6 +524,12 @@ START_TEST(test_a_wrong_change_is_refused_and_changes_nothing)
     ck_assert(refused([&] { file.get("joint.1.name"); }) != "");
     ck_assert(refused([&] { file.set_text("joint.1.effect.1.directed", "maybe"); }) != "");
     ck_assert(file.text() == before);
+    // a wind-up whose break points are out of order
+    ArmFile wound = ArmFile::load(pa10_path);
+    wound.set("joint.3.stiffness.negative.t2", {{2.64}, "N m", {}, "PAPER", "", "low"});
+    const std::string crossed = refused([&] { wound.refresh(); });
+    ck_assert_msg(crossed.find("joint.3.stiffness.negative.t2: expected above t1 = 2.64, found 2.64") != std::string::npos,
+                  "%s", crossed.c_str());
     // what only the whole can tell waits for refresh, which keeps the old numbers
     file.set("joint.1.gear.t2", {{1}, "N m", {0.1}, "S", ""});
     ck_assert(refused([&] { file.refresh(); }) != "");

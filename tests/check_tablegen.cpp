@@ -152,6 +152,11 @@ START_TEST(test_worst_errors_of_the_pa10_stay_under_a_digit)
     const hdt_gen_report lines = make(with_all_effects()).report;
     ck_assert_double_gt(lines.lines_nm, 0);
     ck_assert_double_lt(lines.lines_nm, 1e-4);
+    // an amplitude without rounding still has that of the phase: 2^-32 of a turn
+    hdt_arm exact = pa10();
+    exact.joint[1].lines = 1;
+    exact.joint[1].line[0] = {100, 0.5, 0.2, 1};
+    ck_assert_double_ge(make(exact).report.lines_nm, 0.5 * 2 * M_PI * std::ldexp(1, -32));
 }
 END_TEST
 
