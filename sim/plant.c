@@ -94,7 +94,8 @@ static const char *check_friction(const struct plant_joint *j)
         return "lines: out of 0..PLANT_LINES_MAX";
     for (int i = 0; i < j->lines; i++) {
         const struct plant_line *l = &j->line[i];
-        if (!isfinite(l->order_rev) || !isfinite(l->amplitude_nm) || !isfinite(l->phase_rad) || l->order_rev == 0)
+        if (!isfinite(l->order_rev) || !isfinite(l->amplitude_nm) || !isfinite(l->phase_rad)
+            || l->order_rev == 0)
             return "line: order must not be zero, all numbers finite";
     }
     return NULL;
@@ -113,19 +114,20 @@ static const char *check_windup(const struct plant_joint *j)
     double most, least;
     for (int d = 0; d < 2; d++) {
         const struct plant_windup *w = &j->windup[d];
-        if (!finite_all(w->slope, 3) || !isfinite(w->zero_nm) || !(w->t1_nm <= w->t2_nm) || !isfinite(w->t1_nm)
-            || !isfinite(w->t2_nm))
+        if (!finite_all(w->slope, 3) || !isfinite(w->zero_nm) || !(w->t1_nm <= w->t2_nm)
+            || !isfinite(w->t1_nm) || !isfinite(w->t2_nm))
             return "windup: all numbers must be finite and t1_nm not above t2_nm";
     }
     windup_slopes(j, &most, &least);
-    return least > -1 ? NULL : "windup: slopes outweigh the load itself; the gear would push, not spring";
+    return least > -1 ? NULL
+                      : "windup: slopes outweigh the load itself; the gear would push, not spring";
 }
 
 static const char *check_imperfections(const struct plant_joint *j)
 {
-    const double all[] = { j->run_coulomb_sigma_nm, j->wander_sigma_nm, j->wander_s, j->torque_noise_m_nm,
-                           j->fx_load_mu, j->fx_warm_s, j->fx_presliding_nm, j->fx_presliding_rad,
-                           j->fx_spring_nmprad };
+    const double all[] = { j->run_coulomb_sigma_nm, j->wander_sigma_nm,   j->wander_s,
+                           j->torque_noise_m_nm,    j->fx_load_mu,        j->fx_warm_s,
+                           j->fx_presliding_nm,     j->fx_presliding_rad, j->fx_spring_nmprad };
     for (size_t i = 0; i < sizeof all / sizeof all[0]; i++)
         if (!(all[i] >= 0 && isfinite(all[i])))
             return "an imperfection or effect that must not be negative is, or is not finite";
@@ -198,15 +200,17 @@ static int check_modes(const struct plant_model *m, double *rate_radps, double *
             inertia_kgm2[i] = fmin(inertia_kgm2[i], 1 / minv[i * PLANT_JOINTS_MAX + i]);
     }
     for (int i = 0; i < m->joints; i++)
-        decay = fmax(decay, m->joint[i].damping_nmspr * (1 / inertia_kgm2[i] + 1 / rotor_inertia(&m->joint[i])));
+        decay = fmax(decay, m->joint[i].damping_nmspr
+                                * (1 / inertia_kgm2[i] + 1 / rotor_inertia(&m->joint[i])));
     *rate_radps = fmax(sqrt(square), decay);
     return 0;
 }
 
 static const char *check_joints(struct plant_model *m)
 {
-    static const char *(*const check[])(const struct plant_joint *) = { check_frame, check_drive, check_friction,
-                                                                        check_windup, check_imperfections };
+    static const char *(*const check[])(const struct plant_joint *) = {
+        check_frame, check_drive, check_friction, check_windup, check_imperfections
+    };
     for (int i = 0; i < m->joints; i++)
         for (size_t c = 0; c < sizeof check / sizeof check[0]; c++) {
             const char *wrong = check[c](&m->joint[i]);
@@ -232,7 +236,8 @@ static const char *check_all(struct plant_model *m)
     if (wrong != NULL)
         return wrong;
     if (check_modes(m, &rate_radps, inertia_kgm2) < 0)
-        return "links: the mass matrix is not positive definite; the last links need mass and inertia";
+        return "links: the mass matrix is not positive definite; the last links need mass and "
+               "inertia";
     if (m->step_s == 0)
         m->step_s = STEP_RAD / rate_radps;
     if (!(m->step_s * rate_radps <= STEP_RAD_MAX && m->step_s >= STEP_S_MIN))
@@ -262,7 +267,8 @@ static double cable_nm(const struct plant_joint *j, double q_rad)
     return j->fx_spring_nmprad * (q_rad - j->fx_spring_q0_rad);
 }
 
-void plant_reset(const struct plant_model *m, struct plant_state *s, const double *q_rad, uint64_t seed)
+void plant_reset(const struct plant_model *m, struct plant_state *s, const double *q_rad,
+                 uint64_t seed)
 {
     static const double rest[PLANT_JOINTS_MAX] = { 0 };
     struct plant_pose pose;
@@ -295,7 +301,8 @@ struct block {
     struct plant_rub rub[PLANT_JOINTS_MAX];
 };
 
-static void block_refresh(const struct plant_model *m, const struct plant_state *s, double span_s, struct block *b)
+static void block_refresh(const struct plant_model *m, const struct plant_state *s, double span_s,
+                          struct block *b)
 {
     struct plant_pose pose;
     plant_matrix mass;
@@ -325,13 +332,15 @@ static void drift(const struct block *b, struct plant_state *s, double h_s)
 }
 
 /* Torque through the gear now, its damping included. */
-static double gear_now(const struct plant_joint *j, const struct plant_state *s, int i, double per_ratio)
+static double gear_now(const struct plant_joint *j, const struct plant_state *s, int i,
+                       double per_ratio)
 {
     return plant_gear_nm(j, s->th_m_rad[i] * per_ratio - s->q_rad[i])
            + j->damping_nmspr * (s->thd_m_radps[i] * per_ratio - s->qd_radps[i]);
 }
 
-static void inner_step(const struct plant_model *m, struct plant_state *s, const struct block *b, double h_s)
+static void inner_step(const struct plant_model *m, struct plant_state *s, const struct block *b,
+                       double h_s)
 {
     double link_nm[PLANT_JOINTS_MAX];
     drift(b, s, h_s / 2);
@@ -339,14 +348,16 @@ static void inner_step(const struct plant_model *m, struct plant_state *s, const
         const struct plant_joint *j = &m->joint[i];
         double gear = gear_now(j, s, i, b->per_ratio[i]);
         struct plant_kick k = { h_s, b->inertia[i], b->motor_nm[i] - gear, gear };
-        link_nm[i] = gear - cable_nm(j, s->q_rad[i]) + plant_stop_nm(j, s->q_rad[i], s->qd_radps[i]);
+        link_nm[i] =
+            gear - cable_nm(j, s->q_rad[i]) + plant_stop_nm(j, s->q_rad[i], s->qd_radps[i]);
         if (s->locked >> i & 1) {
             s->thd_m_radps[i] = 0;
             s->friction_nm[i] = k.drive_nm;
             continue;
         }
-        double speed = plant_rub_kick(j, &b->rub[i], &k, s->th_m_rad[i] * b->per_ratio[i],
-                                      s->thd_m_radps[i] * b->per_ratio[i], &s->dahl_nm[i], &s->friction_nm[i]);
+        double speed =
+            plant_rub_kick(j, &b->rub[i], &k, s->th_m_rad[i] * b->per_ratio[i],
+                           s->thd_m_radps[i] * b->per_ratio[i], &s->dahl_nm[i], &s->friction_nm[i]);
         s->thd_m_radps[i] = speed * j->ratio;
     }
     for (int i = 0; i < b->n; i++) {
@@ -364,7 +375,8 @@ static double cut(double value, double limit)
     return value > limit ? limit : value < -limit ? -limit : value == value ? value : 0;
 }
 
-void plant_step(const struct plant_model *m, struct plant_state *s, const double *tau_m_nm, double dt_s)
+void plant_step(const struct plant_model *m, struct plant_state *s, const double *tau_m_nm,
+                double dt_s)
 {
     if (!(dt_s > 0))
         return;

@@ -163,7 +163,8 @@ void plant_chain_mass(const struct plant_model *m, const struct plant_pose *pose
 struct motion { double w[3], alpha[3], acc[3]; };
 
 /* Force and moment about its joint origin that a link's motion takes. */
-static void link_wrench(const struct plant_pose *pose, int i, const struct motion *v, double *f, double *n)
+static void link_wrench(const struct plant_pose *pose, int i, const struct motion *v, double *f,
+                        double *n)
 {
     const double *h = pose->moment_kgm[i], *s = pose->inertia_kgm2[i];
     double wh[3], wwh[3], ah[3], iw[3], wiw[3], ia[3], ha[3];
@@ -195,11 +196,13 @@ static void motion_next(struct motion *v, const double *z, const double *r, doub
     }
 }
 
-void plant_chain_bias(const struct plant_model *m, const struct plant_pose *pose, const double *qd_radps,
-                      double *tau_nm)
+void plant_chain_bias(const struct plant_model *m, const struct plant_pose *pose,
+                      const double *qd_radps, double *tau_nm)
 {
     double f[PLANT_JOINTS_MAX][3], n[PLANT_JOINTS_MAX][3];
-    struct motion v = { { 0 }, { 0 }, { -m->gravity_mps2[0], -m->gravity_mps2[1], -m->gravity_mps2[2] } };
+    struct motion v = { { 0 },
+                        { 0 },
+                        { -m->gravity_mps2[0], -m->gravity_mps2[1], -m->gravity_mps2[2] } };
     for (int i = 0; i < m->joints; i++) {
         double z[3], r[3];
         axis(pose->rot[i], z);
@@ -228,7 +231,8 @@ double plant_chain_potential_j(const struct plant_model *m, const struct plant_p
 {
     double u = 0;
     for (int i = 0; i < m->joints; i++)
-        u -= dot(m->gravity_mps2, pose->moment_kgm[i]) + pose->mass_kg[i] * dot(m->gravity_mps2, pose->pos_m[i]);
+        u -= dot(m->gravity_mps2, pose->moment_kgm[i])
+             + pose->mass_kg[i] * dot(m->gravity_mps2, pose->pos_m[i]);
     return u;
 }
 
@@ -243,7 +247,8 @@ int plant_invert(int n, const plant_matrix a, plant_matrix inverse)
                 sum -= l[i * W + k] * l[j * W + k];
             if (i == j && !(sum > 1e-12 * fabs(a[i * W + i]) && sum > 0))
                 return -1;
-            l[i * W + j] = i == j ? 1 / sqrt(sum) : sum * l[j * W + j]; /* reciprocal on the diagonal */
+            l[i * W + j] =
+                i == j ? 1 / sqrt(sum) : sum * l[j * W + j]; /* reciprocal on the diagonal */
         }
     for (int i = 0; i < n; i++)
         for (int j = 0; j < i; j++) {

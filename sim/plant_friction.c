@@ -10,7 +10,8 @@
 
 #include "sim/plant_parts.h"
 
-void plant_rub_prepare(const struct plant_joint *j, const struct plant_state *s, int index, struct plant_rub *rub)
+void plant_rub_prepare(const struct plant_joint *j, const struct plant_state *s, int index,
+                       struct plant_rub *rub)
 {
     double cold = j->fx_warm_s > 0 ? 1 - s->warm[index] : 0;
     rub->elastic_nm = j->fx_presliding_nm / 2;
@@ -39,27 +40,30 @@ double plant_windup_nm(const struct plant_windup *w, double load_nm)
  * the friction. */
 struct extra { double friction_nm, torque_nm; };
 
-static struct extra extras(const struct plant_joint *j, const struct plant_rub *rub, const struct plant_kick *k,
-                           double angle_rad)
+static struct extra extras(const struct plant_joint *j, const struct plant_rub *rub,
+                           const struct plant_kick *k, double angle_rad)
 {
     struct extra x = { j->fx_load_mu * fabs(k->gear_nm), 0 };
     for (int i = 0; i < j->lines; i++) {
-        double value = j->line[i].amplitude_nm * sin(j->line[i].order_rev * angle_rad + j->line[i].phase_rad);
+        double value =
+            j->line[i].amplitude_nm * sin(j->line[i].order_rev * angle_rad + j->line[i].phase_rad);
         if (j->line[i].directed)
             x.friction_nm += value;
         else
             x.torque_nm += value;
     }
     if (rub->windup) {
-        double up = plant_windup_nm(&j->windup[0], k->gear_nm), down = plant_windup_nm(&j->windup[1], k->gear_nm);
+        double up = plant_windup_nm(&j->windup[0], k->gear_nm),
+               down = plant_windup_nm(&j->windup[1], k->gear_nm);
         x.friction_nm += (up - down) / 2;
         x.torque_nm += (up + down) / 2;
     }
     return x;
 }
 
-double plant_rub_kick(const struct plant_joint *j, const struct plant_rub *rub, const struct plant_kick *k,
-                      double angle_rad, double speed_radps, double *dahl_nm, double *friction_nm)
+double plant_rub_kick(const struct plant_joint *j, const struct plant_rub *rub,
+                      const struct plant_kick *k, double angle_rad, double speed_radps,
+                      double *dahl_nm, double *friction_nm)
 {
     struct extra x = extras(j, rub, k, angle_rad);
     double gain = k->h_s / k->inertia_kgm2;

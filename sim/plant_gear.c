@@ -14,7 +14,9 @@ double plant_gear_nm(const struct plant_joint *j, double delta_rad)
 {
     const double *k = j->k_nmprad;
     double d = fabs(delta_rad), d1 = j->t_nm[0] / k[0], d2 = d1 + (j->t_nm[1] - j->t_nm[0]) / k[1];
-    double torque = d <= d1 ? k[0] * d : d <= d2 ? j->t_nm[0] + k[1] * (d - d1) : j->t_nm[1] + k[2] * (d - d2);
+    double torque = d <= d1   ? k[0] * d
+                    : d <= d2 ? j->t_nm[0] + k[1] * (d - d1)
+                              : j->t_nm[1] + k[2] * (d - d2);
     return delta_rad < 0 ? -torque : torque;
 }
 
@@ -46,7 +48,9 @@ double plant_gear_energy_j(const struct plant_joint *j, double delta_rad)
 
 static double stop_depth(const struct plant_joint *j, double q_rad)
 {
-    return q_rad > j->q_max_rad ? q_rad - j->q_max_rad : q_rad < j->q_min_rad ? q_rad - j->q_min_rad : 0;
+    return q_rad > j->q_max_rad   ? q_rad - j->q_max_rad
+           : q_rad < j->q_min_rad ? q_rad - j->q_min_rad
+                                  : 0;
 }
 
 double plant_stop_nm(const struct plant_joint *j, double q_rad, double qd_radps)

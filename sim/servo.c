@@ -39,7 +39,8 @@ static int32_t saturate(double value, double limit)
 /* nearbyint rounds half to even in the default rounding mode */
 static int32_t resolver(const struct servo *v, int i)
 {
-    return saturate(nearbyint(v->plant.th_m_rad[i] * (SERVO_COUNTS_PER_REV / TURN_RAD)), 2147483647.0);
+    return saturate(nearbyint(v->plant.th_m_rad[i] * (SERVO_COUNTS_PER_REV / TURN_RAD)),
+                    2147483647.0);
 }
 
 static int axes(const struct servo *v)
@@ -72,7 +73,8 @@ static void tune(struct servo *v)
         double falling = 0;
         for (int d = 0; d < 2; d++)
             if (j->friction[d].fs_nm < 0)
-                falling = fmax(falling, -j->friction[d].fs_nm / j->friction[d].vc_radps - j->friction[d].fv_nmspr);
+                falling = fmax(falling, -j->friction[d].fs_nm / j->friction[d].vc_radps
+                                            - j->friction[d].fv_nmspr);
         double kp_nmspr = LOOP_RADPS * j->rotor_kgm2_m * j->ratio * j->ratio + falling;
         if (v->cfg.kp_m_nmspr[i] == 0)
             v->cfg.kp_m_nmspr[i] = kp_nmspr / j->ratio;
@@ -109,7 +111,8 @@ static double velocity_loop(struct servo *v, int i, double moved_rad)
     double tau = proportional + v->s.integral_m_nm[i] + more;
     /* anti-windup: at saturation the integral only moves back */
     if (fabs(tau) <= j->tau_max_m_nm || tau * more < 0)
-        v->s.integral_m_nm[i] = fmax(-j->tau_max_m_nm, fmin(j->tau_max_m_nm, v->s.integral_m_nm[i] + more));
+        v->s.integral_m_nm[i] =
+            fmax(-j->tau_max_m_nm, fmin(j->tau_max_m_nm, v->s.integral_m_nm[i] + more));
     return proportional + v->s.integral_m_nm[i];
 }
 

@@ -106,7 +106,8 @@ static struct vec vcross(struct vec a, struct vec b)
 /* Rotation parent -> child frame written out: (rot Rz(q))' v, or its transpose. */
 static struct vec turn(const struct plant_joint *j, double q, struct vec v, int to_child)
 {
-    double rz[3][3] = { { cos(q), -sin(q), 0 }, { sin(q), cos(q), 0 }, { 0, 0, 1 } }, full[3][3] = { { 0 } };
+    double rz[3][3] = { { cos(q), -sin(q), 0 }, { sin(q), cos(q), 0 }, { 0, 0, 1 } },
+           full[3][3] = { { 0 } };
     for (int a = 0; a < 3; a++)
         for (int b = 0; b < 3; b++)
             for (int k = 0; k < 3; k++)
@@ -131,25 +132,28 @@ static double link_com(const struct plant_model *m, int i, struct vec *com, doub
     }
     for (int a = 0; a < 3; a++)
         for (int b = 0; b < 3; b++)
-            inertia[a][b] = j->inertia_kgm2[at[a][b]] - mass * ((a == b) * cc - com->x[a] * com->x[b])
+            inertia[a][b] = j->inertia_kgm2[at[a][b]]
+                            - mass * ((a == b) * cc - com->x[a] * com->x[b])
                             + load * ((a == b) * pp - m->payload_com_m[a] * m->payload_com_m[b]);
     return mass;
 }
 
-static void inverse_dynamics(const struct plant_model *m, const double *q, const double *qd, const double *qdd,
-                             double *tau)
+static void inverse_dynamics(const struct plant_model *m, const double *q, const double *qd,
+                             const double *qdd, double *tau)
 {
     struct vec w = { { 0 } }, al = { { 0 } }, force[N + 1], moment[N + 1], offset[N];
     struct vec acc = { { -m->gravity_mps2[0], -m->gravity_mps2[1], -m->gravity_mps2[2] } };
     for (int i = 0; i < m->joints; i++) {
         const struct plant_joint *j = &m->joint[i];
-        struct vec z = { { 0, 0, 1 } }, r = { { j->trans_m[0], j->trans_m[1], j->trans_m[2] } }, com;
+        struct vec z = { { 0, 0, 1 } }, r = { { j->trans_m[0], j->trans_m[1], j->trans_m[2] } },
+                   com;
         double in[3][3], mass = link_com(m, i, &com, in);
         acc = turn(j, q[i], vadd(acc, vadd(vcross(al, r), vcross(w, vcross(w, r)))), 1);
         w = turn(j, q[i], w, 1);
         al = vadd(turn(j, q[i], al, 1), vadd(vscale(vcross(w, z), qd[i]), vscale(z, qdd[i])));
         w = vadd(w, vscale(z, qd[i]));
-        struct vec ac = vadd(acc, vadd(vcross(al, com), vcross(w, vcross(w, com)))), iw = { { 0 } }, ia = { { 0 } };
+        struct vec ac = vadd(acc, vadd(vcross(al, com), vcross(w, vcross(w, com)))), iw = { { 0 } },
+                   ia = { { 0 } };
         for (int a = 0; a < 3; a++)
             for (int b = 0; b < 3; b++) {
                 iw.x[a] += in[a][b] * w.x[b];
@@ -238,7 +242,8 @@ START_TEST(test_step_accelerates_links_as_newton_and_euler_say)
         plant_reset(&m, &s, q, 1);
         s.locked = 0x7f;
         for (int i = 0; i < N; i++) {
-            s.th_m_rad[i] += test_uniform(&rng, -0.02, 0.02); /* gear torque away from equilibrium */
+            s.th_m_rad[i] +=
+                test_uniform(&rng, -0.02, 0.02); /* gear torque away from equilibrium */
             s.qd_radps[i] = test_uniform(&rng, -1, 1);
         }
         before = s;
@@ -271,7 +276,8 @@ START_TEST(test_holding_torque_is_gradient_of_potential_energy)
             memcpy(down, q, sizeof q);
             up[i] += 1e-5;
             down[i] -= 1e-5;
-            ck_assert_double_eq_tol(s.gear_nm[i], (potential(&m, up) - potential(&m, down)) / 2e-5, 1e-5);
+            ck_assert_double_eq_tol(s.gear_nm[i], (potential(&m, up) - potential(&m, down)) / 2e-5,
+                                    1e-5);
         }
     }
 }
@@ -283,7 +289,8 @@ START_TEST(test_horizontal_arm_weighs_what_the_manufacturer_says)
     struct plant_state s;
     double q[N] = { 0, 1.5707963267949, 0, 0, 0, 0, 0 };
     plant_reset(&m, &s, q, 1);
-    ck_assert_double_eq_tol(fabs(s.gear_nm[1]), 80.4, 0.5); /* N.m, from the manufacturer's masses */
+    ck_assert_double_eq_tol(fabs(s.gear_nm[1]), 80.4,
+                            0.5); /* N.m, from the manufacturer's masses */
     ck_assert_double_eq_tol(fabs(s.gear_nm[3]), 21.2, 0.2);
     ck_assert_double_eq_tol(fabs(s.gear_nm[5]), 0.31, 0.05);
 }
@@ -316,7 +323,8 @@ START_TEST(test_wind_up_at_rest_is_the_catalogue_torsion)
         for (int sign = -1; sign <= 1; sign += 2) {
             ck_assert_double_eq_tol(plant_gear_windup_rad(&m.joint[1], sign * at[k].torque_nm),
                                     sign * at[k].torsion_rad, 1e-12);
-            ck_assert_double_eq_tol(plant_gear_nm(&m.joint[1], sign * at[k].torsion_rad), sign * at[k].torque_nm, 1e-9);
+            ck_assert_double_eq_tol(plant_gear_nm(&m.joint[1], sign * at[k].torsion_rad),
+                                    sign * at[k].torque_nm, 1e-9);
         }
     double q[N] = { 0, -1.5707963267949, 0, 0, 0, 0, 0 };
     plant_reset(&m, &s, q, 1);
@@ -362,7 +370,8 @@ START_TEST(test_resonance_is_that_of_two_masses_and_a_spring)
         }
         before = twist;
     }
-    double rotor = 1.2e-4 * 2500, expected = sqrt(2.5e4 * (1 / rotor + 1 / 0.7)) / 6.283185307179586;
+    double rotor = 1.2e-4 * 2500,
+           expected = sqrt(2.5e4 * (1 / rotor + 1 / 0.7)) / 6.283185307179586;
     ck_assert_int_gt(crossings, 20);
     ck_assert_double_eq_tol((crossings - 1) / (last - first), expected, 0.01 * expected);
 }
@@ -380,7 +389,8 @@ START_TEST(test_end_stop_holds_against_full_torque)
         ck_assert_double_lt(s.q_rad[i], m.joint[i].q_max_rad + 0.02);
         ck_assert_double_eq_tol(s.qd_radps[i], 0, 1e-3);
     }
-    ck_assert_double_le(plant_stop_nm(&m.joint[0], m.joint[0].q_max_rad + 1e-3, -100), 0); /* never pulls */
+    ck_assert_double_le(plant_stop_nm(&m.joint[0], m.joint[0].q_max_rad + 1e-3, -100),
+                        0); /* never pulls */
     ck_assert_double_lt(plant_stop_nm(&m.joint[0], m.joint[0].q_max_rad + 1e-3, 0), -1);
     ck_assert_double_ge(plant_stop_nm(&m.joint[0], m.joint[0].q_min_rad - 1e-3, 100), 0);
     ck_assert_double_gt(plant_stop_nm(&m.joint[0], m.joint[0].q_min_rad - 1e-3, 0), 1);
@@ -410,8 +420,8 @@ START_TEST(test_energy_drift_of_the_falling_arm_is_first_order_in_the_step)
         m.joint[i].q_max_rad = 100;
     }
     accept(&m);
-    double h = m.step_s, coarse = energy_drift(&m, q, h, 0.5), middle = energy_drift(&m, q, h / 2, 0.5),
-           fine = energy_drift(&m, q, h / 4, 0.5);
+    double h = m.step_s, coarse = energy_drift(&m, q, h, 0.5),
+           middle = energy_drift(&m, q, h / 2, 0.5), fine = energy_drift(&m, q, h / 4, 0.5);
     ck_assert_double_lt(coarse, 0.3); /* of some 100 J turned from height into speed */
     ck_assert_double_gt(coarse / middle, 1.7);
     ck_assert_double_lt(coarse / middle, 2.3);
@@ -504,7 +514,8 @@ START_TEST(test_held_below_breakaway_the_rotor_does_not_creep_at_all)
         plant_reset(&m, &s, &q, 1);
         double start = s.th_m_rad[0];
         run(&m, &s, drive_m(&m, &s, sign * 1.02), 1);
-        ck_assert_double_gt(sign * (s.th_m_rad[0] - start), 1e-3); /* the other side of the same edge */
+        ck_assert_double_gt(sign * (s.th_m_rad[0] - start),
+                            1e-3); /* the other side of the same edge */
     }
 }
 END_TEST
@@ -536,7 +547,8 @@ START_TEST(test_steady_sliding_obeys_the_two_sided_stribeck_curve)
             run(&m, &s, sign * torque / 50, 4);
             double v = sign * speed(&m, &s, 0);
             ck_assert_double_gt(v, 0);
-            ck_assert_double_eq_tol(f->f0_nm + f->fv_nmspr * v + f->fs_nm * (1 - exp(-v / f->vc_radps)), torque, 1e-3);
+            ck_assert_double_eq_tol(
+                f->f0_nm + f->fv_nmspr * v + f->fs_nm * (1 - exp(-v / f->vc_radps)), torque, 1e-3);
             ck_assert_double_eq_tol(s.friction_nm[0], sign * torque, 1e-3);
         }
 }
@@ -633,7 +645,8 @@ START_TEST(test_reported_friction_closes_the_balance_of_the_rotor)
         double before = speed(&m, &s, 0), line = 1.5 * sin(100 * s.th_m_rad[0] / 50 + 0.7);
         plant_step(&m, &s, &tau, dt);
         double taken = 0.3 * (speed(&m, &s, 0) - before) / dt;
-        ck_assert_double_eq_tol(1.1 * 50 * tau - s.gear_nm[0] - line - s.friction_nm[0], taken, 0.02);
+        ck_assert_double_eq_tol(1.1 * 50 * tau - s.gear_nm[0] - line - s.friction_nm[0], taken,
+                                0.02);
     }
 }
 END_TEST
@@ -655,7 +668,8 @@ START_TEST(test_payload_adds_its_weight_times_its_arm)
     accept(&bare);
     accept(&loaded);
     for (double q = -1.5; q < 1.6; q += 0.5) /* about y, x points down when q is positive */
-        ck_assert_double_eq_tol(hold_nm(&loaded, q) - hold_nm(&bare, q), -0.4 * 9.81 * 0.9 * cos(q), 1e-9);
+        ck_assert_double_eq_tol(hold_nm(&loaded, q) - hold_nm(&bare, q), -0.4 * 9.81 * 0.9 * cos(q),
+                                1e-9);
 }
 END_TEST
 
@@ -699,13 +713,15 @@ START_TEST(test_torque_gain_and_inertia_change_momentum_and_speed)
     ck_assert_double_eq_tol(kicked(m, &light_radps), 0.4 * 50 * 0.05, 1e-6);
     ck_assert_double_eq_tol(kicked(gain, &gain_radps), 1.07 * 0.4 * 50 * 0.05, 1e-6);
     ck_assert_double_eq_tol(kicked(heavy, &heavy_radps), 0.4 * 50 * 0.05, 1e-6);
-    ck_assert_double_eq_tol(gain_radps, 1.07 * light_radps, 0.02 * light_radps); /* the spring is not quite linear */
+    ck_assert_double_eq_tol(gain_radps, 1.07 * light_radps,
+                            0.02 * light_radps); /* the spring is not quite linear */
     ck_assert_double_lt(heavy_radps, 0.5 * light_radps);
 }
 END_TEST
 
 /* Friction of a rod driven steadily at about the same speed. */
-static double sliding_nm(const struct plant_model *m, struct plant_state *s, double tau_m_nm, double span_s)
+static double sliding_nm(const struct plant_model *m, struct plant_state *s, double tau_m_nm,
+                         double span_s)
 {
     run(m, s, tau_m_nm, span_s);
     ck_assert_double_gt(speed(m, s, 0) * tau_m_nm, 0);
@@ -759,7 +775,8 @@ START_TEST(test_cold_friction_decays_with_the_thermal_time)
     sliding_nm(&m, &s, 0.9, 0.6);
     double v = speed(&m, &s, 0), cold = exp(-s.t_s / 0.8);
     const struct plant_friction *f = &m.joint[0].friction[0];
-    double expected = f->f0_nm + f->fv_nmspr * (1 + cold) * v + f->fs_nm * (1 - exp(-v / f->vc_radps));
+    double expected =
+        f->f0_nm + f->fv_nmspr * (1 + cold) * v + f->fs_nm * (1 - exp(-v / f->vc_radps));
     ck_assert_double_eq_tol(s.friction_nm[0], expected, 0.05);
 }
 END_TEST
@@ -776,7 +793,8 @@ START_TEST(test_presliding_friction_builds_up_over_travel_after_a_reversal)
     accept(&m);
     plant_reset(&m, &s, &q, 1);
     double full = sliding_nm(&m, &s, -0.9, 1);
-    ck_assert_double_eq_tol(full, 19 + 18 * fabs(speed(&m, &s, 0)), 1e-3); /* long after: nothing missing */
+    ck_assert_double_eq_tol(full, 19 + 18 * fabs(speed(&m, &s, 0)),
+                            1e-3); /* long after: nothing missing */
     int seen = 0;
     for (int k = 0; k < 2000; k++) {
         double before = speed(&m, &s, 0);
@@ -915,7 +933,8 @@ START_TEST(test_effect_of_size_zero_is_bit_identical_to_absent)
     for (int i = 0; i < N; i++) { /* everything about the effects but their size */
         zero.joint[i].fx_presliding_rad = 0.02;
         zero.joint[i].fx_spring_q0_rad = 0.3;
-        zero.joint[i].fx_warm_s = 0; /* a thermal time alone warms a state nobody reads: checked apart */
+        zero.joint[i].fx_warm_s =
+            0; /* a thermal time alone warms a state nobody reads: checked apart */
         zero.joint[i].line[zero.joint[i].lines++] = (struct plant_line){ 37, 0, 0.7, i % 2 };
     }
     zero.payload_com_m[2] = 0.13;
@@ -1180,7 +1199,8 @@ START_TEST(test_chosen_step_follows_the_fastest_thing_there_is)
     accept(&m);
     ck_assert_double_eq_tol(m.step_s, 0.5 / sqrt(6e4 * mobility), 1e-9);
     m.step_s = 0;
-    m.joint[0].windup[0].slope[1] = m.joint[0].windup[1].slope[0] = 2; /* the rotor feels three times the spring */
+    m.joint[0].windup[0].slope[1] = m.joint[0].windup[1].slope[0] =
+        2; /* the rotor feels three times the spring */
     accept(&m);
     ck_assert_double_eq_tol(m.step_s, 0.5 / sqrt(6e4 * (3 / 0.3 + 1 / 0.7)), 1e-9);
     damped.joint[0].damping_nmspr = 500;
@@ -1201,8 +1221,9 @@ END_TEST
 static Suite *plant_suite(void)
 {
     Suite *suite = suite_create("plant");
-    TCase *chain = tcase_create("chain"), *gear = tcase_create("gear"), *energy = tcase_create("energy"),
-          *friction = tcase_create("friction"), *effects = tcase_create("effects"), *runs = tcase_create("runs");
+    TCase *chain = tcase_create("chain"), *gear = tcase_create("gear"),
+          *energy = tcase_create("energy"), *friction = tcase_create("friction"),
+          *effects = tcase_create("effects"), *runs = tcase_create("runs");
     tcase_add_test(chain, test_forward_then_inverse_dynamics_returns_the_torque);
     tcase_add_test(chain, test_step_accelerates_links_as_newton_and_euler_say);
     tcase_add_test(chain, test_holding_torque_is_gradient_of_potential_energy);

@@ -12,7 +12,12 @@
 #include "tests/check_main.h"
 #include "tests/pa10_plant.h"
 
-enum { N = PA10_JOINTS, DRIVE = DRV_AXIS_SERVO, TORQUE = DRV_AXIS_SERVO | DRV_AXIS_TORQUE, PARKED = DRV_AXIS_BRAKE };
+enum {
+    N = PA10_JOINTS,
+    DRIVE = DRV_AXIS_SERVO,
+    TORQUE = DRV_AXIS_SERVO | DRV_AXIS_TORQUE,
+    PARKED = DRV_AXIS_BRAKE
+};
 
 static const double start_q[N] = { 0, -0.5, 0, 1, 0, 0.5, 0 };
 static const double leaning_q[N] = { 0, -1.2, 0, -0.3, 0, 0, 0 };
@@ -253,11 +258,15 @@ END_TEST
 
 START_TEST(test_reported_torque_rounds_half_to_even_and_saturates)
 {
-    const struct { double torque_nm; int digits; } at[] = { { 0.0025, 2 }, { 0.0035, 4 }, { 0.0015, 2 },
-                                                            { 0.0005, 0 }, { 0.0026, 3 }, { 100, 32767 } };
+    const struct {
+        double torque_nm;
+        int digits;
+    } at[] = { { 0.0025, 2 }, { 0.0035, 4 }, { 0.0015, 2 },
+               { 0.0005, 0 }, { 0.0026, 3 }, { 100, 32767 } };
     for (size_t k = 0; k < sizeof at / sizeof at[0]; k++)
         for (int sign = -1; sign <= 1; sign += 2) {
-            struct servo_cfg cfg = { .kp_m_nmspr = { 1e4 } }; /* the loop asks for more than there is */
+            struct servo_cfg cfg = { .kp_m_nmspr = {
+                                         1e4 } }; /* the loop asks for more than there is */
             model.joint[0].tau_max_m_nm = at[k].torque_nm;
             servo_init(&servo, &model, &cfg, start_q, 1);
             say(DRV_START);
@@ -369,11 +378,11 @@ static void hold_speed(int i, double speed_radps, double ripple_share)
         worst = fmax(worst, fabs(rotor_rad(i) - from - speed_radps * k / SERVO_RATE_HZ));
     }
     ck_assert_int_eq(servo.s.mode, SERVO_CONTROL);
-    ck_assert_msg(fabs(sum - speed_radps) < 0.02 * fabs(speed_radps) + 1e-4, "joint %d: %g for %g rad/s", i + 1, sum,
-                  speed_radps);
+    ck_assert_msg(fabs(sum - speed_radps) < 0.02 * fabs(speed_radps) + 1e-4,
+                  "joint %d: %g for %g rad/s", i + 1, sum, speed_radps);
     ck_assert_msg(worst < 2e-3, "joint %d at %g rad/s: %g rad behind", i + 1, speed_radps, worst);
-    ck_assert_msg(sqrt(square) < ripple_share * fabs(speed_radps), "joint %d at %g rad/s: ripple %g", i + 1,
-                  speed_radps, sqrt(square));
+    ck_assert_msg(sqrt(square) < ripple_share * fabs(speed_radps),
+                  "joint %d at %g rad/s: ripple %g", i + 1, speed_radps, sqrt(square));
     for (int k = 0; k < N; k++)
         if (k != i)
             ck_assert_double_eq_tol(rotor_rad(k), others[k], 1e-3);
@@ -429,7 +438,8 @@ END_TEST
 
 START_TEST(test_saturated_loop_does_not_wind_up)
 {
-    model.joint[0].tau_max_m_nm = 0.9; /* 45 N.m at the output: slides, but never reaches the speed asked for */
+    model.joint[0].tau_max_m_nm =
+        0.9; /* 45 N.m at the output: slides, but never reaches the speed asked for */
     servo_init(&servo, &model, NULL, start_q, 1);
     say(DRV_START);
     drive_for(0, DRIVE, 10000, 1);
@@ -485,7 +495,8 @@ START_TEST(test_position_limit_stops_the_arm_and_lets_it_back)
         struct drv_state s = say(DRV_CYCLIC);
         ck_assert_int_eq(servo.s.mode, SERVO_STOP);
         ck_assert_uint_eq(alarm_of(s.axis[3].status), DRV_ALARM_POSITION_LIMIT);
-        ck_assert_uint_eq(s.axis[3].status & 3u, sign > 0 ? DRV_AXIS_LIMIT_POS : DRV_AXIS_LIMIT_NEG);
+        ck_assert_uint_eq(s.axis[3].status & 3u,
+                          sign > 0 ? DRV_AXIS_LIMIT_POS : DRV_AXIS_LIMIT_NEG);
         say(DRV_START);
         drive_for(3, DRIVE, (int16_t)(-sign * 1000), 0.5);
         ck_assert_int_eq(servo.s.mode, SERVO_CONTROL);
@@ -573,11 +584,16 @@ START_TEST(test_serve_answers_what_waits_and_passes_failures_on)
     ck_assert_uint_eq(servo.s.refused, 1);
     s = (struct script){ .result = { 0, HDT_BUS_ERR_DOWN }, .frame = s.frame };
     ck_assert_int_eq(servo_serve(&servo, &bus), HDT_BUS_ERR_DOWN);
-    s = (struct script){ .result = { 0, HDT_BUS_ERR_AGAIN }, .send_result = HDT_BUS_ERR_AGAIN, .frame = s.frame };
+    s = (struct script){ .result = { 0, HDT_BUS_ERR_AGAIN },
+                         .send_result = HDT_BUS_ERR_AGAIN,
+                         .frame = s.frame };
     ck_assert_int_eq(servo_serve(&servo, &bus), 1);
-    s = (struct script){ .result = { 0, HDT_BUS_ERR_AGAIN }, .send_result = HDT_BUS_ERR_DOWN, .frame = s.frame };
+    s = (struct script){ .result = { 0, HDT_BUS_ERR_AGAIN },
+                         .send_result = HDT_BUS_ERR_DOWN,
+                         .frame = s.frame };
     ck_assert_int_eq(servo_serve(&servo, &bus), HDT_BUS_ERR_DOWN);
-    s = (struct script){ .result = { 0, HDT_BUS_ERR_AGAIN }, .frame = { .len = 2, .data = { 1, 'Z' } } };
+    s = (struct script){ .result = { 0, HDT_BUS_ERR_AGAIN },
+                         .frame = { .len = 2, .data = { 1, 'Z' } } };
     ck_assert_int_eq(servo_serve(&servo, &bus), 0);
     ck_assert_int_eq(s.sent, 0);
 }
@@ -603,8 +619,8 @@ END_TEST
 static Suite *servo_suite(void)
 {
     Suite *suite = suite_create("servo");
-    TCase *modes = tcase_create("modes"), *words = tcase_create("words"), *loop = tcase_create("velocity loop"),
-          *rest = tcase_create("alarms and bytes");
+    TCase *modes = tcase_create("modes"), *words = tcase_create("words"),
+          *loop = tcase_create("velocity loop"), *rest = tcase_create("alarms and bytes");
     tcase_add_test(modes, test_every_mode_answers_every_type_and_goes_where_the_table_says);
     tcase_add_test(modes, test_unknown_types_and_wrong_lengths_get_no_answer);
     tcase_add_test(modes, test_watchdog_stops_brakes_and_raises_alarms);
@@ -616,7 +632,8 @@ static Suite *servo_suite(void)
     tcase_add_test(words, test_report_is_what_the_servo_believes_not_what_the_motor_gives);
     tcase_add_test(words, test_torque_noise_is_in_the_report_only);
     tcase_add_test(words, test_position_word_is_the_rotor_not_the_link);
-    tcase_add_test(words, test_axes_the_arm_lacks_are_zero_and_joints_past_the_telegram_stay_braked);
+    tcase_add_test(words,
+                   test_axes_the_arm_lacks_are_zero_and_joints_past_the_telegram_stay_braked);
     tcase_add_test(loop, test_velocity_loop_holds_speed_on_every_joint);
     tcase_add_test(loop, test_velocity_loop_has_a_gain_margin_of_one_and_a_half);
     tcase_add_test(loop, test_speed_mode_brought_to_a_halt_stands);

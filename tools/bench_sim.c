@@ -44,7 +44,8 @@ int main(int argc, char **argv)
     }
     double used_s = (double)(clock() - from) / CLOCKS_PER_SEC;
     double steps = seconds * SERVO_RATE_HZ * ceil(1.0 / SERVO_RATE_HZ / m.step_s - 1e-6);
-    printf("sim: inner step %.1f us, %.3f us of processor each; %.0f x real time (7 joints, servo included)\n",
+    printf("sim: inner step %.1f us, %.3f us of processor each; %.0f x real time (7 joints, servo "
+           "included)\n",
            m.step_s * 1e6, used_s / steps * 1e6, seconds / used_s);
     return v.s.mode == SERVO_CONTROL ? 0 : 1;
 }
