@@ -284,7 +284,7 @@ void check_run(const std::string &path,
         check_known_constant(path, run, key);
     }
     for (const auto &[name, series] : columns) {
-        if (series->size() != run.rows() || run.rows() == 0)
+        if (series->size() != run.rows())
             throw InputError(path + ": column " + shown(name) + ": expected " +
                              std::to_string(run.rows()) + " rows as in t_s, found " +
                              std::to_string(series->size()));

@@ -225,6 +225,7 @@ const Bad bad_heads[] = {
     {"# payload_kg = 2 kg\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: constant 'payload_kg': expected 1 number, found '2 kg'", ""},
     {"# payload_kg = nan\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: constant 'payload_kg'", "'nan'"},
     {"# x = 1\n# payload_com_m = 0 0\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":2: constant 'payload_com_m': expected 3 numbers", ""},
+    {"# payload_com_m = 0 0 0 1\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: constant 'payload_com_m': expected 3 numbers", ""},
     {"# format = hdt-log\n# version = 2\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":2: log version: this program reads '1', found '2'", ""},
     {"# format = hdt-arm\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: log format: this program reads 'hdt-log', found 'hdt-arm'", ""},
     {"# x = 1\n# x = 2\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":2: constant 'x' is given twice", ""},
@@ -373,7 +374,7 @@ START_TEST(test_what_could_not_be_read_is_not_written)
     uint64_t seed = 8;
     const Run run = random_run(&seed, 10);
     const std::string path = scratch("never.csv");
-    Run bad[10];
+    Run bad[11];
     for (Run &b : bad)
         b = run;
     bad[0].joint[2].tau_nm[3] = std::nan("");
@@ -386,6 +387,9 @@ START_TEST(test_what_could_not_be_read_is_not_written)
     bad[7].joint[2].tau_nm.clear();
     bad[8] = Run();
     bad[9].constants["version"] = "1";
+    bad[10] = Run();
+    run_column(bad[10], "q1_rad");
+    run_column(bad[10], "tau1_nm");
     for (const Run &b : bad)
         ck_assert(!writes(b, path));
     ck_assert_int_ne(access(path.c_str(), F_OK), 0);
