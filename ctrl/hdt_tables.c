@@ -134,7 +134,7 @@ static const char *scaling(const struct hdt_joint_tab *j, uint32_t rate_q16)
         return "phase_per_count_q24";
     const int64_t by_angle = (int64_t)((uint64_t)j->rad_per_count_q44 << 12);
     const int64_t by_phase = (int64_t)((j->phase_per_count_q24 * 1647099u) >> 18);
-    if (magnitude(by_angle - by_phase) > by_angle / 100000 + 65536)
+    if (magnitude(by_angle - by_phase) > (by_angle >> 17) + 65536)
         return "phase_per_count_q24";
     if (((uint64_t)j->rad_per_count_q44 * rate_q16) >> 28 > (uint64_t)1 << 36)
         return "rad_per_count_q44";
