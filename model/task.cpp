@@ -703,7 +703,7 @@ Reference friction(const hdt_arm &arm, Spec &spec, double rate_hz)
 }
 
 // The pose in which gravity loads joint j most: coordinate search from several starts, then every
-// joint that does not matter back to its neutral angle.
+// joint that hardly matters (2 % in all) back to its neutral angle.
 VectorXd heaviest_pose(const hdt_arm &arm, int j, const Clearance &clearance)
 {
     const VectorXd neutral = neutral_pose(arm);
@@ -739,7 +739,7 @@ VectorXd heaviest_pose(const hdt_arm &arm, int j, const Clearance &clearance)
     for (Eigen::Index k = 0; k < best.size(); ++k) {
         VectorXd q = best;
         q[k] = neutral[k];
-        if (clearance.clear(q) && load(q) >= most * (1 - 1e-3))
+        if (clearance.clear(q) && load(q) >= most * 0.98)
             best = q;
     }
     return best;
@@ -751,6 +751,9 @@ Reference trapezoid(const hdt_arm &arm, Spec &spec, double rate_hz)
     const int j = spec.joint(2);
     const double distance = spec.number("distance", 1.0, -4 * pi, 4 * pi), speed = spec.number("speed", 0.1, 0.001, 10);
     const bool posed = spec.posed();
+    const auto massless = [](const hdt_arm_joint &k) { return !k.has_inertial; };
+    if (!posed && std::all_of(arm.joint, arm.joint + arm.joints, massless))
+        fail(spec.whole(), "the model has no masses, so its heaviest pose is not known; give the pose (q1=, q2=, ...)");
     const Clearance clearance(arm);
     const VectorXd pose = spec.pose(posed ? neutral_pose(arm) : heaviest_pose(arm, j, clearance));
     spec.done();

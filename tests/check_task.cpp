@@ -251,7 +251,7 @@ START_TEST(test_trapezoid_starts_where_gravity_is_heaviest)
                 q[i] = test_uniform(&seed, arm.joint[i].q_min_rad, arm.joint[i].q_max_rad);
             most = std::max(most, std::fabs(hdt::rbd::gravity(arm, q)[j]));
         }
-        ck_assert_msg(start >= 0.99 * most, "joint %d: starts at %g N.m, %g is possible", joint, start, most);
+        ck_assert_msg(start >= 0.97 * most, "joint %d: starts at %g N.m, %g is possible", joint, start, most);
     }
 }
 END_TEST
@@ -351,6 +351,12 @@ START_TEST(test_arm_that_cannot_is_told_so)
     low.joint[0].origin_m[2] = low.joint[1].origin_m[2] = 0;
     line = refusal(low, "excite:q2=0.9,q4=1.4", 100);
     ck_assert_msg(line.find("start pose touches") != std::string::npos, "%s", line.c_str());
+    // without masses nobody knows where gravity is heaviest
+    hdt_arm massless = table_four_arm();
+    for (int j = 0; j < 7; ++j)
+        massless.joint[j].has_inertial = 0;
+    ck_assert(refusal(massless, "trapezoid", 100).find("no masses") != std::string::npos);
+    ck_assert(refusal(massless, "trapezoid:q2=1", 100).empty());
     // an elbow that cannot bend far enough on part of the path
     hdt_arm stiff = table_four_arm();
     stiff.joint[3].q_max_rad = 1.8;
