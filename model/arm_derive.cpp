@@ -46,7 +46,8 @@ struct Reader {
             return;
         const KeySpec *spec = find_spec(key);
         if (spec && spec->kind == Kind::Number)
-            d.fail(key, std::string("expected a quantity in \"") + spec->unit + "\", found nothing");
+            d.fail(key,
+                   std::string("expected a quantity in \"") + spec->unit + "\", found nothing");
         d.fail(key, "expected a text, found nothing");
     }
 
@@ -99,7 +100,8 @@ void rotation(const double rpy[3], double rot[9])
     using Eigen::Vector3d;
     Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> out(rot);
     out = (AngleAxisd(rpy[2], Vector3d::UnitZ()) * AngleAxisd(rpy[1], Vector3d::UnitY())
-           * AngleAxisd(rpy[0], Vector3d::UnitX())).toRotationMatrix();
+           * AngleAxisd(rpy[0], Vector3d::UnitX()))
+              .toRotationMatrix();
     // right angles give exact zeros and ones, so that planar arms stay planar
     for (int i = 0; i < 9; i++)
         if (std::fabs(rot[i] - std::round(rot[i])) < 1e-15)
@@ -110,10 +112,12 @@ void copy_name(const Reader &r, const std::string &key, char *out, std::size_t s
 {
     const std::string &name = r.text(key);
     const bool printable = std::all_of(name.begin(), name.end(), [](char c) {
-        return std::isgraph(static_cast<unsigned char>(c)); });
+        return std::isgraph(static_cast<unsigned char>(c));
+    });
     if (name.empty() || name.size() >= size || !printable)
-        r.d.fail(key, "expected 1 to " + std::to_string(size - 1) + " printable characters without blanks, found "
-                 + quote(name.substr(0, 80)));
+        r.d.fail(key, "expected 1 to " + std::to_string(size - 1)
+                          + " printable characters without blanks, found "
+                          + quote(name.substr(0, 80)));
     std::memcpy(out, name.c_str(), name.size() + 1);
 }
 
@@ -121,15 +125,18 @@ void copy_name(const Reader &r, const std::string &key, char *out, std::size_t s
 // moment exceeds the sum of the others.
 void check_inertia(const Reader &r, const std::string &key, const Eigen::Matrix3d &inertia)
 {
-    const Eigen::Vector3d principal = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(inertia, Eigen::EigenvaluesOnly)
-                                          .eigenvalues();
+    const Eigen::Vector3d principal =
+        Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(inertia, Eigen::EigenvaluesOnly)
+            .eigenvalues();
     const double slack = 1e-9 * principal.cwiseAbs().maxCoeff();
-    const std::string found = "principal moments " + number_text(principal[0]) + ", " + number_text(principal[1])
-                              + ", " + number_text(principal[2]);
+    const std::string found = "principal moments " + number_text(principal[0]) + ", "
+                              + number_text(principal[1]) + ", " + number_text(principal[2]);
     if (!(principal[0] >= -slack))
-        r.d.fail(key, "expected an inertia about the com with no negative principal moment, found " + found);
+        r.d.fail(key, "expected an inertia about the com with no negative principal moment, found "
+                          + found);
     if (!(principal[2] <= principal[0] + principal[1] + slack))
-        r.d.fail(key, "expected no principal moment above the sum of the other two, found " + found);
+        r.d.fail(key,
+                 "expected no principal moment above the sum of the other two, found " + found);
 }
 
 void read_link(const Reader &r, const std::string &joint, hdt_arm_joint *out)
@@ -141,8 +148,9 @@ void read_link(const Reader &r, const std::string &joint, hdt_arm_joint *out)
     if (origin_form)
         for (const char *other : {"com", "inertia"})
             if (r.d.has(link + other))
-                r.d.fail(link + other, "expected either com and inertia or first_moment and inertia_origin, "
-                                       "found both forms");
+                r.d.fail(link + other,
+                         "expected either com and inertia or first_moment and inertia_origin, "
+                         "found both forms");
     out->has_inertial = 1;
     if (origin_form) {
         r.group(link, {"mass", "first_moment", "inertia_origin"});
@@ -182,7 +190,7 @@ void read_drive(const Reader &r, const std::string &joint, hdt_arm_joint *out)
         out->t_nm[1] = r.number(gear + "t2");
         if (!(out->t_nm[0] < out->t_nm[1]))
             r.d.fail(gear + "t2", "expected above t1 = " + number_text(out->t_nm[0]) + ", found "
-                     + number_text(out->t_nm[1]));
+                                      + number_text(out->t_nm[1]));
     }
     out->wave_generator_kgm2_m = r.number_or(gear + "wave_generator_inertia", 0);
     out->rotor_kgm2_m = r.number_or(motor + "rotor_inertia", 0);
@@ -202,27 +210,35 @@ void read_friction(const Reader &r, const std::string &joint, hdt_arm_joint *out
         double valid[2];
         r.numbers(friction + "valid", valid);
         if (!(valid[0] < valid[1]))
-            r.d.fail(friction + "valid", "expected the lower speed first, found " + number_text(valid[0]) + ", "
-                     + number_text(valid[1]));
+            r.d.fail(friction + "valid", "expected the lower speed first, found "
+                                             + number_text(valid[0]) + ", "
+                                             + number_text(valid[1]));
         out->friction_v_min_radps = valid[0];
         out->friction_v_max_radps = valid[1];
     }
-    out->has_friction = r.group(friction, {"positive.f0", "positive.fv", "positive.fs", "positive.vc",
-                                           "negative.f0", "negative.fv", "negative.fs", "negative.vc"}) ? 1 : 0;
+    out->has_friction =
+        r.group(friction, {"positive.f0", "positive.fv", "positive.fs", "positive.vc",
+                           "negative.f0", "negative.fv", "negative.fs", "negative.vc"})
+            ? 1
+            : 0;
     if (!out->has_friction)
         return;
     const char *direction[2] = {"positive.", "negative."};
     for (int i = 0; i < 2; i++) {
         const std::string at = friction + direction[i];
-        out->friction[i] = {r.number(at + "f0"), r.number(at + "fv"), r.number(at + "fs"), r.number(at + "vc")};
+        out->friction[i] = {r.number(at + "f0"), r.number(at + "fv"), r.number(at + "fs"),
+                            r.number(at + "vc")};
     }
 }
 
 void read_stiffness(const Reader &r, const std::string &joint, hdt_arm_joint *out)
 {
     const std::string stiffness = joint + "stiffness.";
-    out->has_stiffness = r.group(stiffness, {"positive.slope", "positive.t1", "positive.t2", "positive.zero",
-                                             "negative.slope", "negative.t1", "negative.t2", "negative.zero"}) ? 1 : 0;
+    out->has_stiffness =
+        r.group(stiffness, {"positive.slope", "positive.t1", "positive.t2", "positive.zero",
+                            "negative.slope", "negative.t1", "negative.t2", "negative.zero"})
+            ? 1
+            : 0;
     if (!out->has_stiffness)
         return;
     const char *direction[2] = {"positive.", "negative."};
@@ -233,8 +249,8 @@ void read_stiffness(const Reader &r, const std::string &joint, hdt_arm_joint *ou
         out->stiffness[i].t2_nm = r.number(at + "t2");
         out->stiffness[i].zero_nm = r.number(at + "zero");
         if (!(out->stiffness[i].t1_nm < out->stiffness[i].t2_nm))
-            r.d.fail(at + "t2", "expected above t1 = " + number_text(out->stiffness[i].t1_nm) + ", found "
-                     + number_text(out->stiffness[i].t2_nm));
+            r.d.fail(at + "t2", "expected above t1 = " + number_text(out->stiffness[i].t1_nm)
+                                    + ", found " + number_text(out->stiffness[i].t2_nm));
     }
 }
 
@@ -243,12 +259,12 @@ void read_ripples(const Reader &r, const std::string &joint, hdt_arm_joint *out)
     const std::string array = joint + "ripple";
     const int count = r.d.count(array);
     if (count > HDT_ARM_LINES_MAX)
-        r.d.fail(array, "expected at most " + std::to_string(HDT_ARM_LINES_MAX) + " ripples a joint, found "
-                 + std::to_string(count));
+        r.d.fail(array, "expected at most " + std::to_string(HDT_ARM_LINES_MAX)
+                            + " ripples a joint, found " + std::to_string(count));
     for (int i = 0; i < count; i++) {
         const std::string at = array + "." + std::to_string(i + 1) + ".";
-        out->ripple[i] = {r.number(at + "wave_generator_order") * out->ratio, r.number(at + "amplitude"),
-                          r.number(at + "phase"), 1};
+        out->ripple[i] = {r.number(at + "wave_generator_order") * out->ratio,
+                          r.number(at + "amplitude"), r.number(at + "phase"), 1};
     }
     out->ripples = count;
 }
@@ -260,12 +276,15 @@ void check_effect_keys(const Reader &r, const std::string &at, const EffectSpec 
         all += (all.empty() ? "" : ", ") + name;
     for (const std::string &name : spec.numbers)
         if (!r.d.has(at + name))
-            r.d.fail(at + name, std::string("expected ") + spec.id + " with " + all + ", found nothing");
+            r.d.fail(at + name,
+                     std::string("expected ") + spec.id + " with " + all + ", found nothing");
     for (auto entry = r.d.entries.lower_bound(at);
          entry != r.d.entries.end() && entry->first.compare(0, at.size(), at) == 0; ++entry) {
         const std::string name = entry->first.substr(at.size());
-        if (name != "id" && std::find(spec.numbers.begin(), spec.numbers.end(), name) == spec.numbers.end())
-            r.d.fail(entry->first, std::string("expected ") + spec.id + " with only " + all + ", found " + name);
+        if (name != "id"
+            && std::find(spec.numbers.begin(), spec.numbers.end(), name) == spec.numbers.end())
+            r.d.fail(entry->first,
+                     std::string("expected ") + spec.id + " with only " + all + ", found " + name);
     }
 }
 
@@ -279,8 +298,9 @@ const EffectSpec &find_effect(const Reader &r, const std::string &key)
         ids.push_back(spec.id);
     }
     const std::string near = nearest_of(id.substr(0, 64), ids);
-    r.d.fail(key, "expected an effect id of docs/formats.md" + (near.empty() ? "" : " (did you mean " + near + "?)")
-             + ", found " + quote(id.substr(0, 40)));
+    r.d.fail(key, "expected an effect id of docs/formats.md"
+                      + (near.empty() ? "" : " (did you mean " + near + "?)") + ", found "
+                      + quote(id.substr(0, 40)));
 }
 
 void read_effect(const Reader &r, const std::string &at, const std::string &id, hdt_arm_joint *out)
@@ -306,8 +326,9 @@ void read_effect(const Reader &r, const std::string &at, const std::string &id, 
     } else {
         if (out->lines == HDT_LINES_MAX)
             r.d.fail(at + "id", "expected at most " + std::to_string(HDT_LINES_MAX)
-                     + " order_line effects a joint, found one more");
-        out->line[out->lines++] = {r.number(at + "order"), r.number(at + "amplitude"), r.number(at + "phase"),
+                                    + " order_line effects a joint, found one more");
+        out->line[out->lines++] = {r.number(at + "order"), r.number(at + "amplitude"),
+                                   r.number(at + "phase"),
                                    r.d.entries.at(at + "directed").flag ? 1 : 0};
     }
 }
@@ -335,16 +356,17 @@ void read_joint(const Reader &r, int number, hdt_arm *arm)
     copy_name(r, joint + "name", out->name, sizeof out->name);
     for (int other = 1; other < number; other++)
         if (std::strcmp(arm->joint[other - 1].name, out->name) == 0)
-            r.d.fail(joint + "name", "expected a name of its own, found " + quote(out->name) + " as for joint "
-                     + std::to_string(other));
+            r.d.fail(joint + "name", "expected a name of its own, found " + quote(out->name)
+                                         + " as for joint " + std::to_string(other));
     double rpy[3], limits[2];
     r.numbers(joint + "origin", out->origin_m);
     r.numbers(joint + "rpy", rpy);
     rotation(rpy, out->rot);
     r.numbers(joint + "limits.position", limits);
     if (!(limits[0] < limits[1]))
-        r.d.fail(joint + "limits.position", "expected the lower limit first, found " + number_text(limits[0]) + ", "
-                 + number_text(limits[1]));
+        r.d.fail(joint + "limits.position", "expected the lower limit first, found "
+                                                + number_text(limits[0]) + ", "
+                                                + number_text(limits[1]));
     out->q_min_rad = limits[0];
     out->q_max_rad = limits[1];
     out->v_max_radps = r.number(joint + "limits.speed");
@@ -367,8 +389,9 @@ void check_sources(const Document &d)
         if (entry.kind != Kind::Number || d.has("sources." + source))
             continue;
         const std::string near = nearest_of(source.substr(0, 64), sources);
-        d.fail(key, "expected a source named in [sources]" + (near.empty() ? "" : " (did you mean " + near + "?)")
-               + ", found " + quote(source.substr(0, 40)));
+        d.fail(key, "expected a source named in [sources]"
+                        + (near.empty() ? "" : " (did you mean " + near + "?)") + ", found "
+                        + quote(source.substr(0, 40)));
     }
 }
 
@@ -386,8 +409,9 @@ hdt_arm derive_arm(const Document &d)
         arm.control_rate_hz = r.number("control.rate");
         arm.velocity_cutoff_hz = r.number("control.velocity_cutoff");
         if (!(arm.velocity_cutoff_hz < arm.control_rate_hz / 2))
-            d.fail("control.velocity_cutoff", "expected below half of control.rate = "
-                   + number_text(arm.control_rate_hz) + ", found " + number_text(arm.velocity_cutoff_hz));
+            d.fail("control.velocity_cutoff",
+                   "expected below half of control.rate = " + number_text(arm.control_rate_hz)
+                       + ", found " + number_text(arm.velocity_cutoff_hz));
     }
     double rpy[3];
     r.numbers("flange.origin", arm.flange_m);
@@ -402,7 +426,7 @@ hdt_arm derive_arm(const Document &d)
         d.fail("joint", "expected at least one [[joint]], found none");
     if (arm.joints > HDT_ARM_JOINTS_MAX)
         d.fail("joint", "expected at most " + std::to_string(HDT_ARM_JOINTS_MAX) + " joints, found "
-               + std::to_string(arm.joints));
+                            + std::to_string(arm.joints));
     for (int j = 1; j <= arm.joints; j++)
         read_joint(r, j, &arm);
     return arm;

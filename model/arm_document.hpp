@@ -24,7 +24,7 @@ struct KeySpec {
     Kind kind;
     const char *unit;
     int count;
-    const char *side;      // "" none, else the only one allowed
+    const char *side; // "" none, else the only one allowed
     bool side_required;
     Range range;
 };
@@ -64,7 +64,8 @@ struct Document {
 // Throws InputError on bad TOML, unknown keys, and any quantity that is wrong by itself.
 Document parse_document(const std::string &text, const std::string &path);
 // Checks one quantity against its key; fills in the side.  line 0: not from a file.
-void check_quantity(const Document &d, const std::string &key, const KeySpec &spec, int line, Quantity *q);
+void check_quantity(const Document &d, const std::string &key, const KeySpec &spec, int line,
+                    Quantity *q);
 std::string write_document(const Document &d);
 // Checks what keys say together and computes the numbers; digest and path are left alone.
 hdt_arm derive_arm(const Document &d);

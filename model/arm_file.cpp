@@ -23,7 +23,8 @@ namespace arm {
 
 void Document::fail_at(int line, const std::string &key, const std::string &what) const
 {
-    std::string message = path + (line > 0 ? ":" + std::to_string(line) : "") + ": " + key + ": " + what;
+    std::string message =
+        path + (line > 0 ? ":" + std::to_string(line) : "") + ": " + key + ": " + what;
     // bytes of a foreign file must not move a terminal's cursor
     for (char &c : message)
         if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f)
@@ -104,7 +105,8 @@ std::string entry_text(const Entry &entry, const KeySpec &spec)
     if (spec.kind == Kind::Flag)
         return entry.flag ? "true" : "false";
     const Quantity &q = entry.quantity;
-    std::string out = "{ value = " + numbers_text(q.value, spec.count) + ", unit = " + quote(q.unit);
+    std::string out =
+        "{ value = " + numbers_text(q.value, spec.count) + ", unit = " + quote(q.unit);
     if (!q.side.empty())
         out += ", side = " + quote(q.side);
     if (!q.sigma.empty())
@@ -115,7 +117,8 @@ std::string entry_text(const Entry &entry, const KeySpec &spec)
 }
 
 // Lines "rest = ..." for every key of the table that starts with pattern, in the table's order.
-void write_keys(const Document &d, const std::string &pattern, const std::string &prefix, std::string *out)
+void write_keys(const Document &d, const std::string &pattern, const std::string &prefix,
+                std::string *out)
 {
     for (const KeySpec &spec : key_table()) {
         const std::string key(spec.key);
@@ -128,11 +131,13 @@ void write_keys(const Document &d, const std::string &pattern, const std::string
     }
 }
 
-void write_array(const Document &d, const std::string &joint, const std::string &name, std::string *out)
+void write_array(const Document &d, const std::string &joint, const std::string &name,
+                 std::string *out)
 {
     for (int i = 1; i <= d.count(joint + "." + name); i++) {
         *out += "\n[[joint." + name + "]]\n";
-        write_keys(d, "joint.#." + name + ".#.", joint + "." + name + "." + std::to_string(i) + ".", out);
+        write_keys(d, "joint.#." + name + ".#.", joint + "." + name + "." + std::to_string(i) + ".",
+                   out);
     }
 }
 
@@ -140,15 +145,16 @@ void write_array(const Document &d, const std::string &joint, const std::string 
 
 std::string write_document(const Document &d)
 {
-    std::string out = "# Arm model, format hdt-arm version 1.  SI units; every number with unit, source and\n"
-                      "# sigma or confidence.  Keys: docs/formats.md.\n";
+    std::string out =
+        "# Arm model, format hdt-arm version 1.  SI units; every number with unit, source and\n"
+        "# sigma or confidence.  Keys: docs/formats.md.\n";
     out += "format = \"hdt-arm\"\nversion = 1\n";
     const auto name = d.entries.find("name");
     if (name != d.entries.end())
         out += "name = " + quote(name->second.text) + "\n";
     out += "\n[sources]\n";
-    for (auto entry = d.entries.lower_bound("sources."); entry != d.entries.end()
-         && entry->first.compare(0, 8, "sources.") == 0; ++entry)
+    for (auto entry = d.entries.lower_bound("sources.");
+         entry != d.entries.end() && entry->first.compare(0, 8, "sources.") == 0; ++entry)
         out += entry->first.substr(8) + " = " + quote(entry->second.text) + "\n";
     for (const char *table : {"base", "control", "flange", "payload"}) {
         if (!d.has_below(table))
@@ -166,7 +172,8 @@ std::string write_document(const Document &d)
     return out;
 }
 
-void check_quantity(const Document &d, const std::string &key, const KeySpec &spec, int line, Quantity *q)
+void check_quantity(const Document &d, const std::string &key, const KeySpec &spec, int line,
+                    Quantity *q)
 {
     const auto wrong = [&](const std::string &expected, const std::string &found) {
         d.fail_at(line, key, "expected " + expected + ", found " + found);
@@ -188,7 +195,8 @@ void check_quantity(const Document &d, const std::string &key, const KeySpec &sp
     if (!q->sigma.empty() && q->sigma.size() != count)
         wrong("sigma with as many numbers as value (" + std::to_string(count) + ")",
               std::to_string(q->sigma.size()));
-    if (!q->confidence.empty() && q->confidence != "high" && q->confidence != "medium" && q->confidence != "low")
+    if (!q->confidence.empty() && q->confidence != "high" && q->confidence != "medium"
+        && q->confidence != "low")
         wrong("confidence \"high\", \"medium\" or \"low\"", quote(q->confidence));
     for (const double s : q->sigma)
         if (!std::isfinite(s) || s < 0)
@@ -217,7 +225,8 @@ namespace {
 void sha256(const std::string &bytes, uint8_t digest[32])
 {
     unsigned size = 0;
-    if (EVP_Digest(bytes.data(), bytes.size(), digest, &size, EVP_sha256(), nullptr) != 1 || size != 32)
+    if (EVP_Digest(bytes.data(), bytes.size(), digest, &size, EVP_sha256(), nullptr) != 1
+        || size != 32)
         throw std::runtime_error("SHA-256 is not available in the installed libcrypto");
 }
 
@@ -260,8 +269,8 @@ void make_room(arm::Document *d, const std::string &key)
         const int index = std::stoi(key.substr(dot + 1, end - dot - 1));
         const int have = d->count(array);
         if (index > have + 1)
-            d->fail(key, "expected a table up to " + array + "." + std::to_string(have + 1) + ", found "
-                    + std::to_string(index));
+            d->fail(key, "expected a table up to " + array + "." + std::to_string(have + 1)
+                             + ", found " + std::to_string(index));
         d->arrays[array] = index > have ? index : have;
     }
 }
@@ -271,8 +280,9 @@ const arm::KeySpec &need_spec(const arm::Document &d, const std::string &key, ar
     const arm::KeySpec *spec = arm::find_spec(key);
     if (!spec) {
         const std::string near = arm::nearest(key);
-        d.fail(key, "expected a key of format hdt-arm" + (near.empty() ? "" : " (did you mean " + near + "?)")
-               + ", found " + arm::quote(key));
+        d.fail(key, "expected a key of format hdt-arm"
+                        + (near.empty() ? "" : " (did you mean " + near + "?)") + ", found "
+                        + arm::quote(key));
     }
     if ((spec->kind == arm::Kind::Number) != (kind == arm::Kind::Number))
         d.fail(key, spec->kind == arm::Kind::Number ? "expected a quantity, found a text"
@@ -285,8 +295,9 @@ void rename_below(arm::Document *d, const std::string &from, const std::string &
 {
     const auto move_keys = [&](auto *map) {
         std::remove_reference_t<decltype(*map)> moved;
-        for (auto it = map->lower_bound(from + "."); it != map->end()
-             && it->first.compare(0, from.size() + 1, from + ".") == 0; it = map->erase(it))
+        for (auto it = map->lower_bound(from + ".");
+             it != map->end() && it->first.compare(0, from.size() + 1, from + ".") == 0;
+             it = map->erase(it))
             moved[to + it->first.substr(from.size())] = it->second;
         map->merge(moved);
     };
@@ -299,8 +310,8 @@ void erase_below(arm::Document *d, const std::string &key)
 {
     const auto erase_keys = [&](auto *map) {
         map->erase(key);
-        for (auto it = map->lower_bound(key + "."); it != map->end()
-             && it->first.compare(0, key.size() + 1, key + ".") == 0;)
+        for (auto it = map->lower_bound(key + ".");
+             it != map->end() && it->first.compare(0, key.size() + 1, key + ".") == 0;)
             it = map->erase(it);
     };
     erase_keys(&d->entries);
@@ -365,7 +376,8 @@ void ArmFile::set_text(const std::string &key, const std::string &text)
     d.entries[key] = entry;
 }
 
-void ArmFile::append(const std::string &array_key, const std::vector<std::pair<std::string, std::string>> &texts,
+void ArmFile::append(const std::string &array_key,
+                     const std::vector<std::pair<std::string, std::string>> &texts,
                      const std::vector<std::pair<std::string, Quantity>> &quantities)
 {
     if (!arm::is_array(array_key))

@@ -44,20 +44,23 @@ public:
 
     const hdt_arm &arm() const;            // numbers in SI, checked
 
-    // Set one quantity by key path, e.g. set("joint.2.friction.positive.f0", {...}); joint is 1-based.
+    // Set one quantity by key path, e.g. set("joint.2.friction.positive.f0", {...}), joint 1-based.
     // Keys are those of docs/formats.md; creates tables on the way.  Throws InputError for an
-    // unknown key and for a quantity load would refuse; what depends on other keys waits for refresh().
+    // unknown key and for a quantity load would refuse; what depends on other keys waits for
+    // refresh().
     void set(const std::string &key, const Quantity &q);
     // Texts: "name", "sources.FIT", "joint.2.effect.1.directed" ("true" or "false"), ...
     void set_text(const std::string &key, const std::string &text);
-    // Append a table to an array of tables, e.g. append("joint.2.effect", {{"id","torque_offset"}}, quantities).
-    void append(const std::string &array_key, const std::vector<std::pair<std::string, std::string>> &texts,
+    // Append a table to an array of tables, e.g.
+    // append("joint.2.effect", {{"id", "torque_offset"}}, {{"torque", {...}}}).
+    void append(const std::string &array_key,
+                const std::vector<std::pair<std::string, std::string>> &texts,
                 const std::vector<std::pair<std::string, Quantity>> &quantities);
     bool has(const std::string &key) const;     // a number, a text, or a table that holds some
     int count(const std::string &array_key) const; // tables in an array of tables, 0 when absent
     Quantity get(const std::string &key) const; // throws InputError when absent
     std::string get_text(const std::string &key) const; // likewise
-    void erase(const std::string &key);         // with all below it; later tables of an array move up
+    void erase(const std::string &key); // with all below it; later tables of an array move up
 
     // Re-derive arm() from the changed document; throws InputError as load does, *this then keeps
     // the old arm().  The digest becomes that of the bytes save() would write.

@@ -53,11 +53,13 @@ bool number_of(const toml::node &node, double *out)
 struct Parser {
     Document d;
 
-    void numbers(const toml::node &node, const std::string &key, const std::string &field, int count,
-                 std::vector<double> *out)
+    void numbers(const toml::node &node, const std::string &key, const std::string &field,
+                 int count, std::vector<double> *out)
     {
-        const std::string wanted = field + " "
-            + (count == 1 ? std::string("a number") : "an array of " + std::to_string(count) + " numbers");
+        const std::string wanted =
+            field + " "
+            + (count == 1 ? std::string("a number")
+                          : "an array of " + std::to_string(count) + " numbers");
         double x = 0;
         if (count == 1) {
             if (!number_of(node, &x))
@@ -70,8 +72,8 @@ struct Parser {
             d.fail_at(line_of(node), key, "expected " + wanted + ", found " + describe(node));
         for (const toml::node &element : *array) {
             if (!number_of(element, &x))
-                d.fail_at(line_of(element), key, "expected " + wanted + ", found " + describe(element)
-                          + " in it");
+                d.fail_at(line_of(element), key,
+                          "expected " + wanted + ", found " + describe(element) + " in it");
             out->push_back(x);
         }
     }
@@ -88,10 +90,12 @@ struct Parser {
     {
         const toml::table *fields = node.as_table();
         if (!fields)
-            d.fail_at(line_of(node), key, std::string("expected { value, unit = \"") + spec.unit
-                      + "\", sigma or confidence, source }, found " + describe(node));
+            d.fail_at(line_of(node), key,
+                      std::string("expected { value, unit = \"") + spec.unit
+                          + "\", sigma or confidence, source }, found " + describe(node));
         Quantity q;
-        static const std::vector<std::string> known = {"value", "unit", "sigma", "confidence", "source", "side"};
+        static const std::vector<std::string> known = {"value",      "unit",   "sigma",
+                                                       "confidence", "source", "side"};
         for (const auto &[name, field] : *fields) {
             const std::string field_name(name.str());
             if (field_name == "value")
@@ -111,19 +115,22 @@ struct Parser {
         }
         // a side left out must not pass as if it had been said
         if (spec.side_required && q.side.empty())
-            d.fail_at(line_of(node), key, std::string("expected side = \"") + spec.side + "\", found no side");
+            d.fail_at(line_of(node), key,
+                      std::string("expected side = \"") + spec.side + "\", found no side");
         check_quantity(d, key, spec, line_of(node), &q);
         Entry entry;
         entry.quantity = q;
         d.entries[key] = entry;
     }
 
-    [[noreturn]] void unknown_field(const toml::node &node, const std::string &key, const std::string &name,
-                                    const std::vector<std::string> &known)
+    [[noreturn]] void unknown_field(const toml::node &node, const std::string &key,
+                                    const std::string &name, const std::vector<std::string> &known)
     {
         const std::string near = nearest_of(name.substr(0, 64), known);
-        d.fail_at(line_of(node), key, "expected the fields value, unit, sigma, confidence, source, side, found "
-                  + quote(name.substr(0, 40)) + (near.empty() ? "" : " (did you mean " + near + "?)"));
+        d.fail_at(line_of(node), key,
+                  "expected the fields value, unit, sigma, confidence, source, side, found "
+                      + quote(name.substr(0, 40))
+                      + (near.empty() ? "" : " (did you mean " + near + "?)"));
     }
 
     void leaf(const toml::node &node, const std::string &key, const KeySpec &spec)
@@ -149,27 +156,30 @@ struct Parser {
     {
         const auto *number = node.as_integer();
         if (!number || number->get() != 1)
-            d.fail_at(line_of(node), "version", "expected 1, the version this program reads, found "
-                      + describe(node));
+            d.fail_at(line_of(node), "version",
+                      "expected 1, the version this program reads, found " + describe(node));
     }
 
     void array(const toml::node &node, const std::string &key)
     {
         const toml::array *tables = node.as_array();
         if (!tables)
-            d.fail_at(line_of(node), key, "expected an array of tables [[" + key.substr(key.rfind('.') + 1)
-                      + "]], found " + describe(node));
+            d.fail_at(line_of(node), key,
+                      "expected an array of tables [[" + key.substr(key.rfind('.') + 1)
+                          + "]], found " + describe(node));
         int index = 0;
         for (const toml::node &element : *tables) {
             const std::string element_key = key + "." + std::to_string(++index);
             if (!element.is_table())
-                d.fail_at(line_of(element), element_key, "expected a table, found " + describe(element));
+                d.fail_at(line_of(element), element_key,
+                          "expected a table, found " + describe(element));
             if (key == "joint" && index > HDT_ARM_JOINTS_MAX)
-                d.fail_at(line_of(element), key, "expected at most " + std::to_string(HDT_ARM_JOINTS_MAX)
-                          + " joints, found " + std::to_string(tables->size()));
+                d.fail_at(line_of(element), key,
+                          "expected at most " + std::to_string(HDT_ARM_JOINTS_MAX)
+                              + " joints, found " + std::to_string(tables->size()));
             if (key != "joint" && index > 64)
-                d.fail_at(line_of(element), key, "expected at most 64 tables, found "
-                          + std::to_string(tables->size()));
+                d.fail_at(line_of(element), key,
+                          "expected at most 64 tables, found " + std::to_string(tables->size()));
             d.lines[element_key] = line_of(element);
             walk(*element.as_table(), element_key);
         }
@@ -199,16 +209,19 @@ struct Parser {
         }
     }
 
-    [[noreturn]] void unknown_key(const toml::node &node, const std::string &prefix, const std::string &name)
+    [[noreturn]] void unknown_key(const toml::node &node, const std::string &prefix,
+                                  const std::string &name)
     {
         const std::string shown = name.substr(0, 40);
         if (prefix == "sources")
-            d.fail_at(line_of(node), prefix, "expected source names of letters, digits, '_' and '-', found "
-                      + quote(shown));
+            d.fail_at(line_of(node), prefix,
+                      "expected source names of letters, digits, '_' and '-', found "
+                          + quote(shown));
         const std::string near = nearest((prefix.empty() ? "" : prefix + ".") + name);
         d.fail_at(line_of(node), prefix.empty() ? shown : prefix + "." + shown,
-                  "expected a key of format hdt-arm" + (near.empty() ? "" : " (did you mean " + near + "?)")
-                  + ", found " + quote(shown));
+                  "expected a key of format hdt-arm"
+                      + (near.empty() ? "" : " (did you mean " + near + "?)") + ", found "
+                      + quote(shown));
     }
 };
 
@@ -235,7 +248,8 @@ bool parser_gives_up(std::string_view text)
 // The parser reads on and on, so every beginning with the bad line in it fails, and none without.
 int line_of_giving_up(const std::string &text)
 {
-    std::size_t good = 0, bad = static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n')) + 1;
+    std::size_t good = 0,
+                bad = static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n')) + 1;
     while (bad - good > 1) {
         const std::size_t middle = good + (bad - good) / 2;
         (parser_gives_up(first_lines(text, middle)) ? bad : good) = middle;
@@ -264,7 +278,8 @@ Document parse_document(const std::string &text, const std::string &path)
     if (!format || format->get() != "hdt-arm") {
         const toml::node *node = root.get("format");
         parser.d.fail_at(node ? line_of(*node) : 0, "format",
-                         "expected \"hdt-arm\", found " + (node ? describe(*node) : std::string("nothing")));
+                         "expected \"hdt-arm\", found "
+                             + (node ? describe(*node) : std::string("nothing")));
     }
     if (!root.get("version"))
         parser.d.fail_at(0, "version", "expected 1, found nothing");

@@ -23,7 +23,8 @@ KeySpec number_key(const char *key, const char *unit, int count = 1, Range range
     return {key, Kind::Number, unit, count, "", false, range};
 }
 
-KeySpec sided_key(const char *key, const char *unit, const char *side, Range range = Range::Any, int count = 1)
+KeySpec sided_key(const char *key, const char *unit, const char *side, Range range = Range::Any,
+                  int count = 1)
 {
     return {key, Kind::Number, unit, count, side, true, range};
 }
@@ -50,10 +51,12 @@ bool part_matches(const std::string &pattern, const std::string &part)
 {
     if (pattern == "#")
         return !part.empty() && part.size() <= 4 && part[0] != '0'
-            && std::all_of(part.begin(), part.end(), [](char c) { return c >= '0' && c <= '9'; });
+               && std::all_of(part.begin(), part.end(),
+                              [](char c) { return c >= '0' && c <= '9'; });
     if (pattern == "*")
         return !part.empty() && std::all_of(part.begin(), part.end(), [](char c) {
-            return std::isalnum(static_cast<unsigned char>(c)) || c == '_' || c == '-'; });
+            return std::isalnum(static_cast<unsigned char>(c)) || c == '_' || c == '-';
+        });
     return pattern == part;
 }
 
@@ -88,72 +91,75 @@ std::size_t edit_distance(const std::string &a, const std::string &b)
 void add_joint_keys(std::vector<KeySpec> *table)
 {
     const Range positive = Range::Positive, non_negative = Range::NonNegative;
-    table->insert(table->end(), {
-        text_key("joint.#.name"),
-        number_key("joint.#.origin", "m", 3),
-        number_key("joint.#.rpy", "rad", 3),
-        number_key("joint.#.limits.position", "rad", 2),
-        number_key("joint.#.limits.speed", "rad/s", 1, positive),
-        number_key("joint.#.link.mass", "kg", 1, non_negative),
-        number_key("joint.#.link.com", "m", 3),
-        number_key("joint.#.link.inertia", "kg m^2", 6),
-        number_key("joint.#.link.first_moment", "kg m", 3),
-        number_key("joint.#.link.inertia_origin", "kg m^2", 6),
-        number_key("joint.#.gear.ratio", "1", 1, positive),
-        text_key("joint.#.gear.size"),
-        sided_key("joint.#.gear.k1", "N m/rad", "output", positive),
-        sided_key("joint.#.gear.k2", "N m/rad", "output", positive),
-        sided_key("joint.#.gear.k3", "N m/rad", "output", positive),
-        sided_key("joint.#.gear.t1", "N m", "output", positive),
-        sided_key("joint.#.gear.t2", "N m", "output", positive),
-        sided_key("joint.#.gear.wave_generator_inertia", "kg m^2", "motor", non_negative),
-        sided_key("joint.#.motor.rotor_inertia", "kg m^2", "motor", non_negative),
-        sided_key("joint.#.motor.torque_rated", "N m", "motor", positive),
-        sided_key("joint.#.motor.torque_max", "N m", "motor", positive),
-        number_key("joint.#.friction.valid", "rad/s", 2, non_negative),
-        sided_key("joint.#.friction.positive.f0", "N m", "output", non_negative),
-        sided_key("joint.#.friction.positive.fv", "N m s/rad", "output"),
-        sided_key("joint.#.friction.positive.fs", "N m", "output"),
-        sided_key("joint.#.friction.positive.vc", "rad/s", "output", positive),
-        sided_key("joint.#.friction.negative.f0", "N m", "output", non_negative),
-        sided_key("joint.#.friction.negative.fv", "N m s/rad", "output"),
-        sided_key("joint.#.friction.negative.fs", "N m", "output"),
-        sided_key("joint.#.friction.negative.vc", "rad/s", "output", positive),
-        sided_key("joint.#.stiffness.positive.slope", "N m/N m", "output", Range::Any, 3),
-        sided_key("joint.#.stiffness.positive.t1", "N m", "output"),
-        sided_key("joint.#.stiffness.positive.t2", "N m", "output"),
-        sided_key("joint.#.stiffness.positive.zero", "N m", "output"),
-        sided_key("joint.#.stiffness.negative.slope", "N m/N m", "output", Range::Any, 3),
-        sided_key("joint.#.stiffness.negative.t1", "N m", "output"),
-        sided_key("joint.#.stiffness.negative.t2", "N m", "output"),
-        sided_key("joint.#.stiffness.negative.zero", "N m", "output"),
-        sided_key("joint.#.feedback.kp", "N m/rad", "motor", non_negative),
-        sided_key("joint.#.feedback.kd", "N m s/rad", "motor", non_negative),
-    });
+    table->insert(
+        table->end(),
+        {
+            text_key("joint.#.name"),
+            number_key("joint.#.origin", "m", 3),
+            number_key("joint.#.rpy", "rad", 3),
+            number_key("joint.#.limits.position", "rad", 2),
+            number_key("joint.#.limits.speed", "rad/s", 1, positive),
+            number_key("joint.#.link.mass", "kg", 1, non_negative),
+            number_key("joint.#.link.com", "m", 3),
+            number_key("joint.#.link.inertia", "kg m^2", 6),
+            number_key("joint.#.link.first_moment", "kg m", 3),
+            number_key("joint.#.link.inertia_origin", "kg m^2", 6),
+            number_key("joint.#.gear.ratio", "1", 1, positive),
+            text_key("joint.#.gear.size"),
+            sided_key("joint.#.gear.k1", "N m/rad", "output", positive),
+            sided_key("joint.#.gear.k2", "N m/rad", "output", positive),
+            sided_key("joint.#.gear.k3", "N m/rad", "output", positive),
+            sided_key("joint.#.gear.t1", "N m", "output", positive),
+            sided_key("joint.#.gear.t2", "N m", "output", positive),
+            sided_key("joint.#.gear.wave_generator_inertia", "kg m^2", "motor", non_negative),
+            sided_key("joint.#.motor.rotor_inertia", "kg m^2", "motor", non_negative),
+            sided_key("joint.#.motor.torque_rated", "N m", "motor", positive),
+            sided_key("joint.#.motor.torque_max", "N m", "motor", positive),
+            number_key("joint.#.friction.valid", "rad/s", 2, non_negative),
+            sided_key("joint.#.friction.positive.f0", "N m", "output", non_negative),
+            sided_key("joint.#.friction.positive.fv", "N m s/rad", "output"),
+            sided_key("joint.#.friction.positive.fs", "N m", "output"),
+            sided_key("joint.#.friction.positive.vc", "rad/s", "output", positive),
+            sided_key("joint.#.friction.negative.f0", "N m", "output", non_negative),
+            sided_key("joint.#.friction.negative.fv", "N m s/rad", "output"),
+            sided_key("joint.#.friction.negative.fs", "N m", "output"),
+            sided_key("joint.#.friction.negative.vc", "rad/s", "output", positive),
+            sided_key("joint.#.stiffness.positive.slope", "N m/N m", "output", Range::Any, 3),
+            sided_key("joint.#.stiffness.positive.t1", "N m", "output"),
+            sided_key("joint.#.stiffness.positive.t2", "N m", "output"),
+            sided_key("joint.#.stiffness.positive.zero", "N m", "output"),
+            sided_key("joint.#.stiffness.negative.slope", "N m/N m", "output", Range::Any, 3),
+            sided_key("joint.#.stiffness.negative.t1", "N m", "output"),
+            sided_key("joint.#.stiffness.negative.t2", "N m", "output"),
+            sided_key("joint.#.stiffness.negative.zero", "N m", "output"),
+            sided_key("joint.#.feedback.kp", "N m/rad", "motor", non_negative),
+            sided_key("joint.#.feedback.kd", "N m s/rad", "motor", non_negative),
+        });
 }
 
 void add_array_keys(std::vector<KeySpec> *table)
 {
-    table->insert(table->end(), {
-        number_key("joint.#.ripple.#.wave_generator_order", "1", 1, Range::Whole),
-        sided_key("joint.#.ripple.#.amplitude", "N m", "output"),
-        number_key("joint.#.ripple.#.phase", "rad"),
-        text_key("joint.#.effect.#.id"),
-        effect_key("joint.#.effect.#.gain", "1", Range::Positive),
-        effect_key("joint.#.effect.#.mu", "N m/N m"),
-        effect_key("joint.#.effect.#.torque", "N m"),
-        effect_key("joint.#.effect.#.travel", "rad", Range::Positive),
-        effect_key("joint.#.effect.#.coulomb", "N m"),
-        effect_key("joint.#.effect.#.viscous", "N m s/rad"),
-        effect_key("joint.#.effect.#.time_constant", "s", Range::Positive),
-        effect_key("joint.#.effect.#.stiffness", "N m/rad"),
-        effect_key("joint.#.effect.#.rest", "rad"),
-        effect_key("joint.#.effect.#.inertia", "kg m^2"),
-        effect_key("joint.#.effect.#.order", "1", Range::Positive),
-        effect_key("joint.#.effect.#.amplitude", "N m"),
-        effect_key("joint.#.effect.#.phase", "rad"),
-        {"joint.#.effect.#.directed", Kind::Flag, "", 0, "", false, Range::Any},
-    });
+    table->insert(table->end(),
+                  {
+                      number_key("joint.#.ripple.#.wave_generator_order", "1", 1, Range::Whole),
+                      sided_key("joint.#.ripple.#.amplitude", "N m", "output"),
+                      number_key("joint.#.ripple.#.phase", "rad"),
+                      text_key("joint.#.effect.#.id"),
+                      effect_key("joint.#.effect.#.gain", "1", Range::Positive),
+                      effect_key("joint.#.effect.#.mu", "N m/N m"),
+                      effect_key("joint.#.effect.#.torque", "N m"),
+                      effect_key("joint.#.effect.#.travel", "rad", Range::Positive),
+                      effect_key("joint.#.effect.#.coulomb", "N m"),
+                      effect_key("joint.#.effect.#.viscous", "N m s/rad"),
+                      effect_key("joint.#.effect.#.time_constant", "s", Range::Positive),
+                      effect_key("joint.#.effect.#.stiffness", "N m/rad"),
+                      effect_key("joint.#.effect.#.rest", "rad"),
+                      effect_key("joint.#.effect.#.inertia", "kg m^2"),
+                      effect_key("joint.#.effect.#.order", "1", Range::Positive),
+                      effect_key("joint.#.effect.#.amplitude", "N m"),
+                      effect_key("joint.#.effect.#.phase", "rad"),
+                      {"joint.#.effect.#.directed", Kind::Flag, "", 0, "", false, Range::Any},
+                  });
 }
 
 } // namespace
@@ -205,7 +211,7 @@ bool is_table(const std::string &key)
 bool is_array(const std::string &key)
 {
     return is_table(key + ".1") && part_matches("*", key.substr(key.rfind('.') + 1))
-        && !is_table(key + ".x") && find_spec(key + ".x") == nullptr;
+           && !is_table(key + ".x") && find_spec(key + ".x") == nullptr;
 }
 
 std::string nearest_of(const std::string &name, const std::vector<std::string> &names)

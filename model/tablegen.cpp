@@ -64,12 +64,17 @@ int32_t fixed(const std::string &key, double x, int bits)
 uint64_t turn_part(double turns, int bits)
 {
     const double part = turns - std::floor(turns);
-    return static_cast<uint64_t>(std::llround(std::ldexp(part, bits))) & ((uint64_t(1) << bits) - 1);
+    return static_cast<uint64_t>(std::llround(std::ldexp(part, bits)))
+           & ((uint64_t(1) << bits) - 1);
 }
 
 // ---- chain ----
 
-struct Body { double mass; Vector3d moment; Matrix3d inertia; };
+struct Body {
+    double mass;
+    Vector3d moment;
+    Matrix3d inertia;
+};
 
 // A link with what is fixed to it: the payload belongs to the last one.
 Body body_of(const hdt_arm &arm, int j)
@@ -81,10 +86,12 @@ Body body_of(const hdt_arm &arm, int j)
     if (!joint.has_inertial)
         body = {0, Vector3d::Zero(), Matrix3d::Zero()};
     if (j + 1 == arm.joints) {
-        const Vector3d at = Vector3d(arm.flange_m) + RowMatrix(arm.flange_rot) * Vector3d(arm.payload_com_m);
+        const Vector3d at =
+            Vector3d(arm.flange_m) + RowMatrix(arm.flange_rot) * Vector3d(arm.payload_com_m);
         body.mass += arm.payload_kg;
         body.moment += arm.payload_kg * at;
-        body.inertia += arm.payload_kg * (at.squaredNorm() * Matrix3d::Identity() - at * at.transpose());
+        body.inertia +=
+            arm.payload_kg * (at.squaredNorm() * Matrix3d::Identity() - at * at.transpose());
     }
     return body;
 }
@@ -97,7 +104,8 @@ void make_chain(const hdt_arm &arm, hdt_tables *t)
         hdt_joint_tab &out = t->joint[j];
         const Body body = body_of(arm, j);
         const std::string key = "joint." + std::to_string(j + 1) + ".";
-        const std::string link = key + (j + 1 == arm.joints && arm.payload_kg > 0 ? "link with payload" : "link");
+        const std::string link =
+            key + (j + 1 == arm.joints && arm.payload_kg > 0 ? "link with payload" : "link");
         for (int i = 0; i < 9; i++)
             out.rot_q30[i] = fixed(key + "rpy", joint.rot[i], 30);
         for (int i = 0; i < 3; i++)
@@ -113,9 +121,11 @@ void make_chain(const hdt_arm &arm, hdt_tables *t)
             out.hold_moment_q20[i] = fixed(link + ".com", body.moment[i] + carried, 20);
         }
         later_kg += body.mass;
-        out.rotor_q20 = fixed(key + "motor.rotor_inertia (reflected)", reflected_inertia_kgm2(joint), 20, 0, HUGE_VAL);
-        const bool moves_mass = later_kg > 0 || body.moment.norm() > 0
-                                || (j + 1 < arm.joints && (t->joint[j + 1].terms >> HDT_TERM_GRAVITY & 1u));
+        out.rotor_q20 = fixed(key + "motor.rotor_inertia (reflected)",
+                              reflected_inertia_kgm2(joint), 20, 0, HUGE_VAL);
+        const bool moves_mass =
+            later_kg > 0 || body.moment.norm() > 0
+            || (j + 1 < arm.joints && (t->joint[j + 1].terms >> HDT_TERM_GRAVITY & 1u));
         if (moves_mass)
             out.terms |= 1u << HDT_TERM_GRAVITY;
         if (moves_mass || body.inertia.norm() > 0 || out.rotor_q20 != 0)
@@ -140,7 +150,8 @@ double knots_nm(const int32_t *knot, uint32_t shift, double speed_radps)
     return std::ldexp(knot[k] + (double(knot[k + 1]) - knot[k]) * (place - k), -16);
 }
 
-double friction_error_nm(const hdt_arm_friction &f, const int32_t *knot, uint32_t shift, double span_radps)
+double friction_error_nm(const hdt_arm_friction &f, const int32_t *knot, uint32_t shift,
+                         double span_radps)
 {
     // denser towards zero, where the curve bends
     constexpr int points = 4000;
@@ -152,7 +163,8 @@ double friction_error_nm(const hdt_arm_friction &f, const int32_t *knot, uint32_
     return worst;
 }
 
-void make_friction(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out, double *worst_nm)
+void make_friction(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out,
+                   double *worst_nm)
 {
     const char *names[2] = {"friction.positive", "friction.negative"};
     const double span = friction_span_radps(joint);
@@ -166,9 +178,11 @@ void make_friction(const hdt_arm_joint &joint, const std::string &key, hdt_joint
         for (int way = 0; way < 2; way++) {
             for (int k = 0; k < HDT_FRICTION_KNOTS; k++) {
                 const double v = std::ldexp(k, static_cast<int>(shift) - 24);
-                knots[way][k] = fixed(key + names[way], stribeck_nm(joint.friction[way], v), 16, -16383, 16383);
+                knots[way][k] =
+                    fixed(key + names[way], stribeck_nm(joint.friction[way], v), 16, -16383, 16383);
             }
-            error = std::max(error, friction_error_nm(joint.friction[way], knots[way], shift, span));
+            error =
+                std::max(error, friction_error_nm(joint.friction[way], knots[way], shift, span));
         }
         if (error < best) {
             best = error;
@@ -189,11 +203,13 @@ double ripple_nm(const hdt_arm_joint &joint, double turn)
     double sum = 0;
     for (int i = 0; i < joint.ripples; i++)
         sum += joint.ripple[i].amplitude_nm
-               * std::sin(joint.ripple[i].order_rev / joint.ratio * 2 * pi * turn + joint.ripple[i].phase_rad);
+               * std::sin(joint.ripple[i].order_rev / joint.ratio * 2 * pi * turn
+                          + joint.ripple[i].phase_rad);
     return sum;
 }
 
-void make_ripple(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out, double *worst_nm)
+void make_ripple(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out,
+                 double *worst_nm)
 {
     constexpr int per_knot = HDT_COUNTS_PER_REV / HDT_RIPPLE_KNOTS;
     for (int i = 0; i < joint.ripples; i++) {
@@ -205,18 +221,21 @@ void make_ripple(const hdt_arm_joint &joint, const std::string &key, hdt_joint_t
             refuse(at, "at most " + std::to_string(HDT_RIPPLE_KNOTS / 8), order);
     }
     for (int k = 0; k < HDT_RIPPLE_KNOTS; k++)
-        out->ripple_q8[k] = static_cast<int16_t>(fixed(key + "ripple amplitudes together",
-            ripple_nm(joint, double(k) / HDT_RIPPLE_KNOTS), 8, -32767 / 256.0, 32767 / 256.0));
+        out->ripple_q8[k] = static_cast<int16_t>(fixed(
+            key + "ripple amplitudes together", ripple_nm(joint, double(k) / HDT_RIPPLE_KNOTS), 8,
+            -32767 / 256.0, 32767 / 256.0));
     for (int count = 0; count < HDT_COUNTS_PER_REV; count++) {
         const int k = count / per_knot, next = (k + 1) % HDT_RIPPLE_KNOTS;
         const double part = double(count % per_knot) / per_knot;
         const double value = ((1 - part) * out->ripple_q8[k] + part * out->ripple_q8[next]) / 256;
-        *worst_nm = std::max(*worst_nm, std::fabs(value - ripple_nm(joint, double(count) / HDT_COUNTS_PER_REV)));
+        *worst_nm = std::max(
+            *worst_nm, std::fabs(value - ripple_nm(joint, double(count) / HDT_COUNTS_PER_REV)));
     }
     out->terms |= 1u << HDT_TERM_RIPPLE;
 }
 
-void make_lines(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out, double *worst_nm)
+void make_lines(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out,
+                double *worst_nm)
 {
     const double counts_per_rad = joint.ratio * HDT_COUNTS_PER_REV / (2 * pi);
     for (int i = 0; i < joint.lines; i++) {
@@ -224,7 +243,8 @@ void make_lines(const hdt_arm_joint &joint, const std::string &key, hdt_joint_ta
         const std::string at = key + "effect (order_line " + std::to_string(i + 1) + ")";
         const double turns_per_count = line.order_rev / (joint.ratio * HDT_COUNTS_PER_REV);
         if (!(turns_per_count > 0 && turns_per_count < 0.25))
-            refuse(at + ".order", "above 0 and below " + text_of(0.25 * joint.ratio * HDT_COUNTS_PER_REV),
+            refuse(at + ".order",
+                   "above 0 and below " + text_of(0.25 * joint.ratio * HDT_COUNTS_PER_REV),
                    line.order_rev);
         hdt_line_tab &tab = out->line[i];
         tab.amplitude_q16 = fixed(at + ".amplitude", line.amplitude_nm, 16);
@@ -232,11 +252,14 @@ void make_lines(const hdt_arm_joint &joint, const std::string &key, hdt_joint_ta
         tab.phase0 = static_cast<uint32_t>(turn_part(line.phase_rad / (2 * pi), 32));
         tab.phase_per_count_q24 = turn_part(turns_per_count, 56);
         // the phase drifts by half a unit of its step a count: worst at the position limit
-        const double reach = std::max(std::fabs(joint.q_min_rad), std::fabs(joint.q_max_rad)) * counts_per_rad;
-        const double drift = std::fabs(std::ldexp(double(tab.phase_per_count_q24), -56) - turns_per_count) * reach;
+        const double reach =
+            std::max(std::fabs(joint.q_min_rad), std::fabs(joint.q_max_rad)) * counts_per_rad;
+        const double drift =
+            std::fabs(std::ldexp(double(tab.phase_per_count_q24), -56) - turns_per_count) * reach;
         const double phase = drift + std::ldexp(1.0, -32);
-        *worst_nm = std::max(*worst_nm, std::fabs(line.amplitude_nm) * 2 * pi * phase
-                             + std::fabs(std::ldexp(tab.amplitude_q16, -16) - line.amplitude_nm));
+        *worst_nm = std::max(
+            *worst_nm, std::fabs(line.amplitude_nm) * 2 * pi * phase
+                           + std::fabs(std::ldexp(tab.amplitude_q16, -16) - line.amplitude_nm));
         out->terms |= 1u << HDT_TERM_LINES;
     }
     out->lines = static_cast<uint32_t>(joint.lines);
@@ -263,20 +286,25 @@ void make_stiffness(const hdt_arm_joint &joint, const std::string &key, hdt_join
 
 void make_effects(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out)
 {
-    const auto use = [out](bool wanted, hdt_term term) { out->terms |= (wanted ? 1u : 0u) << term; };
+    const auto use = [out](bool wanted, hdt_term term) {
+        out->terms |= (wanted ? 1u : 0u) << term;
+    };
     out->load_mu_q24 = fixed(key + "effect (load_friction).mu", joint.load_mu, 24);
     use(out->load_mu_q24 != 0, HDT_TERM_LOAD);
     if (joint.warm_s > 0) {
-        out->cold_coulomb_q16 = fixed(key + "effect (temperature).coulomb", joint.cold_coulomb_nm, 16);
-        out->cold_viscous_q16 = fixed(key + "effect (temperature).viscous", joint.cold_viscous_nmspr, 16);
-        out->cold_decay_q31 = fixed(key + "effect (temperature).time_constant",
-                                    std::min(std::exp(-1 / joint.warm_s), 2147483647 / 2147483648.0), 31);
+        out->cold_coulomb_q16 =
+            fixed(key + "effect (temperature).coulomb", joint.cold_coulomb_nm, 16);
+        out->cold_viscous_q16 =
+            fixed(key + "effect (temperature).viscous", joint.cold_viscous_nmspr, 16);
+        out->cold_decay_q31 =
+            fixed(key + "effect (temperature).time_constant",
+                  std::min(std::exp(-1 / joint.warm_s), 2147483647 / 2147483648.0), 31);
         use(out->cold_coulomb_q16 != 0 || out->cold_viscous_q16 != 0, HDT_TERM_TEMPERATURE);
     }
     if (joint.presliding_rad > 0) {
         out->presliding_q16 = fixed(key + "effect (presliding).torque", joint.presliding_nm, 16);
-        out->presliding_inv_q8 = fixed(key + "effect (presliding).travel (1 over it)", 1 / joint.presliding_rad, 8,
-                                       1 / 256.0, HUGE_VAL);
+        out->presliding_inv_q8 = fixed(key + "effect (presliding).travel (1 over it)",
+                                       1 / joint.presliding_rad, 8, 1 / 256.0, HUGE_VAL);
         use(out->presliding_q16 != 0, HDT_TERM_PRESLIDING);
     }
     out->spring_q16 = fixed(key + "effect (cable_spring).stiffness", joint.spring_nmprad, 16);
@@ -291,39 +319,50 @@ void make_scaling(const hdt_arm_joint &joint, const std::string &key, hdt_joint_
     // the digit factor bounds the ratio below; above, the count step must keep its precision
     const double least = std::ldexp(1000, 24) / 2147483647.0;
     if (!(joint.ratio * joint.torque_gain >= least))
-        refuse(key + "gear.ratio (times torque gain)", "at least " + text_of(least), joint.ratio * joint.torque_gain);
+        refuse(key + "gear.ratio (times torque gain)", "at least " + text_of(least),
+               joint.ratio * joint.torque_gain);
     if (!(joint.ratio >= 2 && joint.ratio <= 10000))
         refuse(key + "gear.ratio", "a number from 2 to 10000", joint.ratio);
     const double turns_per_count = 1 / (joint.ratio * HDT_COUNTS_PER_REV);
     out->sign = 1;
     out->zero_cnt = 0;
-    out->rad_per_count_q44 = static_cast<uint32_t>(std::llround(std::ldexp(2 * pi * turns_per_count, 44)));
+    out->rad_per_count_q44 =
+        static_cast<uint32_t>(std::llround(std::ldexp(2 * pi * turns_per_count, 44)));
     out->phase_per_count_q24 = turn_part(turns_per_count, 56);
     out->digit_per_nm_q24 = fixed(key + "gear.ratio", 1000 / (joint.ratio * joint.torque_gain), 24);
-    out->kp_q16 = fixed(key + "feedback.kp (times ratio)", joint.ratio * joint.kp_m_nmprad, 16, 0, HUGE_VAL);
-    out->kd_q16 = fixed(key + "feedback.kd (times ratio)", joint.ratio * joint.kd_m_nmspr, 16, 0, HUGE_VAL);
+    out->kp_q16 =
+        fixed(key + "feedback.kp (times ratio)", joint.ratio * joint.kp_m_nmprad, 16, 0, HUGE_VAL);
+    out->kd_q16 =
+        fixed(key + "feedback.kd (times ratio)", joint.ratio * joint.kd_m_nmspr, 16, 0, HUGE_VAL);
     out->terms |= (out->kp_q16 != 0 ? 1u : 0u) << HDT_TERM_P;
     out->terms |= (out->kd_q16 != 0 ? 1u : 0u) << HDT_TERM_D;
 }
 
-void make_limits(const hdt_arm &arm, const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out)
+void make_limits(const hdt_arm &arm, const hdt_arm_joint &joint, const std::string &key,
+                 hdt_joint_tab *out)
 {
     if (!(joint.tau_max_m_nm > 0))
-        throw Refusal(key + "motor.torque_max: expected a quantity for the tables' torque limit, found nothing");
+        throw Refusal(
+            key
+            + "motor.torque_max: expected a quantity for the tables' torque limit, found nothing");
     // rounded down: the limit is never exceeded
     fixed(key + "motor.torque_max (a digit is 0.001)", joint.tau_max_m_nm, 16, 0.001, 32.767);
     out->dig_max = static_cast<int32_t>(std::floor(joint.tau_max_m_nm * 1000 + 1e-9));
-    out->dig_slew = std::min(65535, static_cast<int32_t>(
-        std::ceil(out->dig_max / (TableDefaults::slew_s * arm.control_rate_hz))));
+    out->dig_slew =
+        std::min(65535, static_cast<int32_t>(std::ceil(
+                            out->dig_max / (TableDefaults::slew_s * arm.control_rate_hz))));
     // a speed word cannot say more than this, whatever the joint can do
-    out->spd_max = static_cast<int32_t>(std::min(32767.0, std::floor(joint.v_max_radps / 0.0002 + 1e-9)));
+    out->spd_max =
+        static_cast<int32_t>(std::min(32767.0, std::floor(joint.v_max_radps / 0.0002 + 1e-9)));
     out->q_min_q24 = fixed(key + "limits.position", joint.q_min_rad, 24);
     out->q_max_q24 = fixed(key + "limits.position", joint.q_max_rad, 24);
-    out->v_max_q24 = fixed(key + "limits.speed (times " + text_of(TableDefaults::speed_margin) + ")",
-                           joint.v_max_radps * TableDefaults::speed_margin, 24);
+    out->v_max_q24 =
+        fixed(key + "limits.speed (times " + text_of(TableDefaults::speed_margin) + ")",
+              joint.v_max_radps * TableDefaults::speed_margin, 24);
     out->follow_max_q24 = fixed("following limit", TableDefaults::follow_rad, 24);
     const double ramp = joint.has_friction && joint.friction_v_min_radps > 0
-        ? std::min(TableDefaults::v_ramp_radps, joint.friction_v_min_radps / 2) : TableDefaults::v_ramp_radps;
+                            ? std::min(TableDefaults::v_ramp_radps, joint.friction_v_min_radps / 2)
+                            : TableDefaults::v_ramp_radps;
     out->v_ramp_inv_q16 = fixed(key + "friction.valid (1 over its lower speed)", 1 / ramp, 16);
 }
 
@@ -347,7 +386,8 @@ void make_joint(const hdt_arm &arm, int j, hdt_joint_tab *out, hdt_gen_report *r
 // Second-order Butterworth low-pass by the bilinear transform, corner prewarped.
 void make_biquad(const hdt_arm &arm, int32_t out[5])
 {
-    const double k = std::tan(pi * arm.velocity_cutoff_hz / arm.control_rate_hz), root2 = std::sqrt(2.0);
+    const double k = std::tan(pi * arm.velocity_cutoff_hz / arm.control_rate_hz),
+                 root2 = std::sqrt(2.0);
     const double scale = 1 / (1 + root2 * k + k * k);
     const double one = std::ldexp(1, 28);
     out[0] = static_cast<int32_t>(std::llround(one * k * k * scale));
@@ -364,7 +404,8 @@ void make_head(const hdt_arm &arm, hdt_tables *t)
     t->layout = HDT_TABLES_LAYOUT;
     std::memcpy(t->digest, arm.digest, sizeof t->digest);
     if (std::strlen(arm.name) >= sizeof t->name)
-        refuse("name", "at most " + std::to_string(sizeof t->name - 1) + " characters", double(std::strlen(arm.name)));
+        refuse("name", "at most " + std::to_string(sizeof t->name - 1) + " characters",
+               double(std::strlen(arm.name)));
     std::memcpy(t->name, arm.name, std::strlen(arm.name));
     t->joints = static_cast<uint32_t>(arm.joints);
     if (!(arm.control_rate_hz > 0))
@@ -372,7 +413,8 @@ void make_head(const hdt_arm &arm, hdt_tables *t)
     if (!(arm.control_rate_hz >= 1 && arm.control_rate_hz <= 20000))
         refuse("control.rate", "a number from 1 to 20000", arm.control_rate_hz);
     if (!(arm.velocity_cutoff_hz >= arm.control_rate_hz / 2000))
-        refuse("control.velocity_cutoff", "at least a 2000th of control.rate", arm.velocity_cutoff_hz);
+        refuse("control.velocity_cutoff", "at least a 2000th of control.rate",
+               arm.velocity_cutoff_hz);
     t->period_ns = static_cast<uint32_t>(std::llround(1e9 / arm.control_rate_hz));
     t->rate_q16 = static_cast<uint32_t>(std::llround(std::ldexp(arm.control_rate_hz, 16)));
     t->stale_periods = TableDefaults::stale_periods;
@@ -381,7 +423,7 @@ void make_head(const hdt_arm &arm, hdt_tables *t)
     make_biquad(arm, t->biquad_q28);
 }
 
-// Holding torque of the rounded numbers in exact arithmetic, as hdt_chain_gravity goes through them.
+// Holding torque of the rounded numbers in floating point, the way hdt_chain_gravity goes.
 Eigen::VectorXd table_gravity_nm(const hdt_tables &t, const Eigen::VectorXd &q)
 {
     const int n = static_cast<int>(t.joints);
@@ -422,9 +464,11 @@ double gravity_error_nm(const hdt_arm &arm, const hdt_tables &t)
         for (int j = 0; j < arm.joints; j++) {
             state = state * 6364136223846793005u + 1442695040888963407u;
             const double share = std::ldexp(static_cast<double>(state >> 11), -53);
-            q[j] = arm.joint[j].q_min_rad + share * (arm.joint[j].q_max_rad - arm.joint[j].q_min_rad);
+            q[j] =
+                arm.joint[j].q_min_rad + share * (arm.joint[j].q_max_rad - arm.joint[j].q_min_rad);
         }
-        worst = std::max(worst, (table_gravity_nm(t, q) - rbd::gravity(arm, q)).cwiseAbs().maxCoeff());
+        worst =
+            std::max(worst, (table_gravity_nm(t, q) - rbd::gravity(arm, q)).cwiseAbs().maxCoeff());
     }
     return worst;
 }
@@ -449,8 +493,8 @@ void make_tables(const hdt_arm &arm, hdt_tables *t, hdt_gen_report *report)
 } // namespace
 } // namespace hdt
 
-int hdt_arm_tables(const struct hdt_arm *arm, struct hdt_tables *t, struct hdt_gen_report *report, char *err,
-                   size_t errlen)
+int hdt_arm_tables(const struct hdt_arm *arm, struct hdt_tables *t, struct hdt_gen_report *report,
+                   char *err, size_t errlen)
 {
     hdt_gen_report measured = {};
     std::memset(t, 0, sizeof *t);

@@ -26,11 +26,13 @@ StiffnessLines stiffness_lines(const hdt_arm_stiffness &k)
     out.intercept_nm[home] = k.zero_nm;
     for (int line = home; line > 0; line--) {
         const double joint_nm = line == 1 ? k.t1_nm : k.t2_nm;
-        out.intercept_nm[line - 1] = out.intercept_nm[line] + (k.slope[line] - k.slope[line - 1]) * joint_nm;
+        out.intercept_nm[line - 1] =
+            out.intercept_nm[line] + (k.slope[line] - k.slope[line - 1]) * joint_nm;
     }
     for (int line = home; line < 2; line++) {
         const double joint_nm = line == 0 ? k.t1_nm : k.t2_nm;
-        out.intercept_nm[line + 1] = out.intercept_nm[line] + (k.slope[line] - k.slope[line + 1]) * joint_nm;
+        out.intercept_nm[line + 1] =
+            out.intercept_nm[line] + (k.slope[line] - k.slope[line + 1]) * joint_nm;
     }
     return out;
 }
@@ -56,7 +58,8 @@ double line_nm(const hdt_arm_line &line, double q_rad, double dir)
 }
 
 // What depends on one joint alone and on its load.
-void joint_terms(const hdt_arm_joint &joint, const Sample &s, int j, double load_nm, TermTorque *out)
+void joint_terms(const hdt_arm_joint &joint, const Sample &s, int j, double load_nm,
+                 TermTorque *out)
 {
     const double q = s.q[j], v = s.v[j], dir = s.dir[j];
     TermTorque &term = *out;
@@ -74,7 +77,8 @@ void joint_terms(const hdt_arm_joint &joint, const Sample &s, int j, double load
         term[HDT_TERM_TEMPERATURE] = std::exp(-s.t_s / joint.warm_s)
                                      * (joint.cold_coulomb_nm * dir + joint.cold_viscous_nmspr * v);
     if (joint.presliding_rad > 0)
-        term[HDT_TERM_PRESLIDING] = -dir * joint.presliding_nm * std::exp(-s.travel[j] / joint.presliding_rad);
+        term[HDT_TERM_PRESLIDING] =
+            -dir * joint.presliding_nm * std::exp(-s.travel[j] / joint.presliding_rad);
     term[HDT_TERM_SPRING] = joint.spring_nmprad * (q - joint.spring_q0_rad);
     term[HDT_TERM_OFFSET] = joint.torque_offset_nm;
 }

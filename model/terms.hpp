@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The declared joint model in double precision: what the core computes in fixed point, term by term.
+// The declared joint model in double precision: what the core computes in fixed point, term
+// by term.
 //
 // Owns: the meaning of every term of hdt_arm, once, in floating point.
 // Never: fits anything; knows nothing of hidden effects of the simulator.

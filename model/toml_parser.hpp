@@ -23,6 +23,7 @@ struct TomlAssert : std::logic_error {
 
 } // namespace hdt
 
-#define TOML_ASSERT(expr) (static_cast<bool>(expr) ? static_cast<void>(0) : ::hdt::toml_assert_failed())
+#define TOML_ASSERT(expr) \
+    (static_cast<bool>(expr) ? static_cast<void>(0) : ::hdt::toml_assert_failed())
 
 #include <toml++/toml.h>

@@ -3,8 +3,8 @@
 // The model file: every way it can be wrong is said with file, line and key; what is right survives
 // being changed, written and read again; the PA-10 file says what its sources say.
 //
-// Method: a small valid file with one line changed for each error; random edits and random bytes for
-// the rest; numbers of the paper typed here a second time, in the paper's own signs.
+// Method: a small valid file with one line changed for each error; random edits and random bytes
+// for the rest; numbers of the paper typed here a second time, in the paper's own signs.
 #include "model/arm_file.hpp"
 
 #include <algorithm>
@@ -27,53 +27,53 @@ static const char pa10_path[] = "model/arms/pa10.toml";
 static const char paper_path[] = "model/arms/pa10-paper.toml";
 
 // Check's own string comparison would keep a pointer into a temporary.
-#define assert_text(found, expected)                                                                  \
-    do {                                                                                              \
-        const std::string found_ = (found);                                                           \
-        ck_assert_msg(found_ == (expected), "expected %s\n found %s", (expected), found_.c_str());    \
+#define assert_text(found, expected)                                                               \
+    do {                                                                                           \
+        const std::string found_ = (found);                                                        \
+        ck_assert_msg(found_ == (expected), "expected %s\n found %s", (expected), found_.c_str()); \
     } while (0)
 
-// Line numbers of the error table count from here: line 1 is the format.
-static const char small_arm[] =
-    "format = \"hdt-arm\"\n"                                                                             // 1
-    "version = 1\n"                                                                                      // 2
-    "name = \"small\"\n"                                                                                 // 3
-    "[sources]\n"                                                                                        // 4
-    "S = \"made up\"\n"                                                                                  // 5
-    "[base]\n"                                                                                           // 6
-    "gravity = { value = [0, 0, -9.81], unit = \"m/s^2\", sigma = [0, 0, 0.01], source = \"S\" }\n"      // 7
-    "[control]\n"                                                                                        // 8
-    "rate = { value = 700, unit = \"Hz\", confidence = \"high\", source = \"S\" }\n"                     // 9
-    "velocity_cutoff = { value = 200, unit = \"Hz\", confidence = \"high\", source = \"S\" }\n"          // 10
-    "[flange]\n"                                                                                         // 11
-    "origin = { value = [0, 0, 0.1], unit = \"m\", confidence = \"high\", source = \"S\" }\n"            // 12
-    "rpy = { value = [0, 0, 0], unit = \"rad\", confidence = \"high\", source = \"S\" }\n"               // 13
-    "[[joint]]\n"                                                                                        // 14
-    "name = \"A\"\n"                                                                                     // 15
-    "origin = { value = [0, 0, 0.2], unit = \"m\", confidence = \"high\", source = \"S\" }\n"            // 16
-    "rpy = { value = [0, 0, 0], unit = \"rad\", confidence = \"high\", source = \"S\" }\n"               // 17
-    "limits.position = { value = [-3, 3], unit = \"rad\", confidence = \"high\", source = \"S\" }\n"     // 18
-    "limits.speed = { value = 1, unit = \"rad/s\", confidence = \"high\", source = \"S\" }\n"            // 19
-    "gear.ratio = { value = 50, unit = \"1\", confidence = \"high\", source = \"S\" }\n"                 // 20
-    "gear.k1 = { value = 1e4, unit = \"N m/rad\", side = \"output\", confidence = \"low\", source = \"S\" }\n" // 21
-    "gear.k2 = { value = 2e4, unit = \"N m/rad\", side = \"output\", confidence = \"low\", source = \"S\" }\n" // 22
-    "gear.k3 = { value = 3e4, unit = \"N m/rad\", side = \"output\", confidence = \"low\", source = \"S\" }\n" // 23
-    "gear.t1 = { value = 10, unit = \"N m\", side = \"output\", confidence = \"low\", source = \"S\" }\n"      // 24
-    "gear.t2 = { value = 40, unit = \"N m\", side = \"output\", confidence = \"low\", source = \"S\" }\n"      // 25
-    "link.mass = { value = 2, unit = \"kg\", sigma = 0.1, source = \"S\" }\n"                                  // 26
-    "link.com = { value = [0.1, 0, 0.2], unit = \"m\", confidence = \"low\", source = \"S\" }\n"               // 27
-    "link.inertia = { value = [0.1, 0, 0, 0.1, 0, 0.1], unit = \"kg m^2\", confidence = \"low\", source = \"S\" }\n" // 28
-    "friction.valid = { value = [0.02, 0.4], unit = \"rad/s\", confidence = \"low\", source = \"S\" }\n"       // 29
-    "[[joint.ripple]]\n"                                                                                       // 30
-    "wave_generator_order = { value = 2, unit = \"1\", confidence = \"low\", source = \"S\" }\n"               // 31
-    "amplitude = { value = 1.5, unit = \"N m\", side = \"output\", sigma = 0.1, source = \"S\" }\n"            // 32
-    "phase = { value = 0.5, unit = \"rad\", sigma = 0.1, source = \"S\" }\n"                                   // 33
-    "[[joint.effect]]\n"                                                                                       // 34
-    "id = \"order_line\"\n"                                                                                    // 35
-    "order = { value = 7.5, unit = \"1\", sigma = 0.1, source = \"S\" }\n"                                     // 36
-    "amplitude = { value = 0.3, unit = \"N m\", side = \"output\", sigma = 0.1, source = \"S\" }\n"            // 37
-    "phase = { value = -1, unit = \"rad\", sigma = 0.1, source = \"S\" }\n"                                    // 38
-    "directed = true\n";                                                                                       // 39
+// Line numbers of the error table: line 1 is the format, 14 the [[joint]], 30 the ripple.
+static const char small_arm[] = R"(format = "hdt-arm"
+version = 1
+name = "small"
+[sources]
+S = "made up"
+[base]
+gravity = { value = [0, 0, -9.81], unit = "m/s^2", sigma = [0, 0, 0.01], source = "S" }
+[control]
+rate = { value = 700, unit = "Hz", confidence = "high", source = "S" }
+velocity_cutoff = { value = 200, unit = "Hz", confidence = "high", source = "S" }
+[flange]
+origin = { value = [0, 0, 0.1], unit = "m", confidence = "high", source = "S" }
+rpy = { value = [0, 0, 0], unit = "rad", confidence = "high", source = "S" }
+[[joint]]
+name = "A"
+origin = { value = [0, 0, 0.2], unit = "m", confidence = "high", source = "S" }
+rpy = { value = [0, 0, 0], unit = "rad", confidence = "high", source = "S" }
+limits.position = { value = [-3, 3], unit = "rad", confidence = "high", source = "S" }
+limits.speed = { value = 1, unit = "rad/s", confidence = "high", source = "S" }
+gear.ratio = { value = 50, unit = "1", confidence = "high", source = "S" }
+gear.k1 = { value = 1e4, unit = "N m/rad", side = "output", confidence = "low", source = "S" }
+gear.k2 = { value = 2e4, unit = "N m/rad", side = "output", confidence = "low", source = "S" }
+gear.k3 = { value = 3e4, unit = "N m/rad", side = "output", confidence = "low", source = "S" }
+gear.t1 = { value = 10, unit = "N m", side = "output", confidence = "low", source = "S" }
+gear.t2 = { value = 40, unit = "N m", side = "output", confidence = "low", source = "S" }
+link.mass = { value = 2, unit = "kg", sigma = 0.1, source = "S" }
+link.com = { value = [0.1, 0, 0.2], unit = "m", confidence = "low", source = "S" }
+link.inertia = { value = [0.1, 0, 0, 0.1, 0, 0.1], unit = "kg m^2", confidence = "low", source = "S" }
+friction.valid = { value = [0.02, 0.4], unit = "rad/s", confidence = "low", source = "S" }
+[[joint.ripple]]
+wave_generator_order = { value = 2, unit = "1", confidence = "low", source = "S" }
+amplitude = { value = 1.5, unit = "N m", side = "output", sigma = 0.1, source = "S" }
+phase = { value = 0.5, unit = "rad", sigma = 0.1, source = "S" }
+[[joint.effect]]
+id = "order_line"
+order = { value = 7.5, unit = "1", sigma = 0.1, source = "S" }
+amplitude = { value = 0.3, unit = "N m", side = "output", sigma = 0.1, source = "S" }
+phase = { value = -1, unit = "rad", sigma = 0.1, source = "S" }
+directed = true
+)";
 
 // The small arm with one line put in place of another; 0 appends.
 static std::string changed(int line, const std::string &text)
@@ -96,7 +96,10 @@ static std::string message_of(const std::string &text)
     return "";
 }
 
-struct Wrong { int line; const char *text, *message; };
+struct Wrong {
+    int line;
+    const char *text, *message;
+};
 
 #define OF_KG ", unit = \"kg\", sigma = 0.1, source = \"S\""
 
@@ -110,24 +113,32 @@ static const Wrong wrong_table[] = {
     {3, "name = \"small", "t.toml:3: TOML: expected valid TOML, found: "},
     {20, "gear.ratio = { value = 50,, }", "t.toml:20: TOML: expected valid TOML, found: "},
     {16, "name = \"B\"", "t.toml:16: TOML: expected valid TOML, found: "},
-    {1, "[,\nformat = \"hdt-arm\"", "t.toml:1: TOML: expected valid TOML, found: unexpected character"},
+    {1, "[,\nformat = \"hdt-arm\"",
+     "t.toml:1: TOML: expected valid TOML, found: unexpected character"},
     {14, "[,", "t.toml:14: TOML: expected valid TOML, found: unexpected character"},
     {6, "[=]", "t.toml:6: TOML: expected valid TOML, found: unexpected character"},
     // keys
     {20, "gear.ration = { value = 50, unit = \"1\", confidence = \"high\", source = \"S\" }",
-     "t.toml:20: joint.1.gear.ration: expected a key of format hdt-arm (did you mean ratio?), found \"ration\""},
-    {6, "[bass]", "t.toml:6: bass: expected a key of format hdt-arm (did you mean base?), found \"bass\""},
+     "t.toml:20: joint.1.gear.ration: expected a key of format hdt-arm (did you mean ratio?), "
+     "found \"ration\""},
+    {6, "[bass]",
+     "t.toml:6: bass: expected a key of format hdt-arm (did you mean base?), found \"bass\""},
     {15, "", "t.toml:14: joint.1.name: expected a text, found nothing"},
     {19, "", "t.toml:18: joint.1.limits.speed: expected a quantity in \"rad/s\", found nothing"},
-    {22, "", "t.toml:20: joint.1.gear.k2: expected with its group (k1, k2, k3, t1, t2), found nothing"},
-    {27, "", "t.toml:26: joint.1.link.com: expected with its group (mass, com, inertia), found nothing"},
-    {9, "", "t.toml:8: control.rate: expected with its group (rate, velocity_cutoff), found nothing"},
+    {22, "",
+     "t.toml:20: joint.1.gear.k2: expected with its group (k1, k2, k3, t1, t2), found nothing"},
+    {27, "",
+     "t.toml:26: joint.1.link.com: expected with its group (mass, com, inertia), found nothing"},
+    {9, "",
+     "t.toml:8: control.rate: expected with its group (rate, velocity_cutoff), found nothing"},
     {14, "[joint]", "t.toml:14: joint: expected an array of tables [[joint]], found a table"},
-    {5, "\"S T\" = \"x\"", "t.toml:5: sources: expected source names of letters, digits, '_' and '-', found \"S T\""},
+    {5, "\"S T\" = \"x\"",
+     "t.toml:5: sources: expected source names of letters, digits, '_' and '-', found \"S T\""},
     // types and shapes
     {3, "name = 7", "t.toml:3: name: expected a text, found 7"},
-    {20, "gear.ratio = 50", "t.toml:20: joint.1.gear.ratio: expected { value, unit = \"1\", sigma or confidence, "
-                            "source }, found 50"},
+    {20, "gear.ratio = 50",
+     "t.toml:20: joint.1.gear.ratio: expected { value, unit = \"1\", sigma or confidence, "
+     "source }, found 50"},
     {26, "link.mass = { value = \"2\"" OF_KG " }",
      "t.toml:26: joint.1.link.mass: expected value a number, found the text \"2\""},
     {26, "link.mass = { value = [2]" OF_KG " }",
@@ -147,61 +158,92 @@ static const Wrong wrong_table[] = {
     {26, "link.mass = { unit = \"kg\", sigma = 0.1, source = \"S\" }",
      "t.toml:26: joint.1.link.mass: expected value with 1 number, found none"},
     {26, "link.mass = { value = 2, unit = \"kg\", sigm = 0.1, source = \"S\" }",
-     "t.toml:26: joint.1.link.mass: expected the fields value, unit, sigma, confidence, source, side, found \"sigm\" "
+     "t.toml:26: joint.1.link.mass: expected the fields value, unit, sigma, confidence, source, "
+     "side, found \"sigm\" "
      "(did you mean sigma?)"},
     {26, "link.mass = { value = 2, unit = \"kg\", source = \"S\" }",
-     "t.toml:26: joint.1.link.mass: expected sigma, or confidence = \"high\", \"medium\" or \"low\", found neither"},
+     "t.toml:26: joint.1.link.mass: expected sigma, or confidence = \"high\", \"medium\" or "
+     "\"low\", found neither"},
     {26, "link.mass = { value = 2, unit = \"kg\", confidence = \"sure\", source = \"S\" }",
-     "t.toml:26: joint.1.link.mass: expected confidence \"high\", \"medium\" or \"low\", found \"sure\""},
+     "t.toml:26: joint.1.link.mass: expected confidence \"high\", \"medium\" or \"low\", found "
+     "\"sure\""},
     {26, "link.mass = { value = 2, unit = \"kg\", sigma = -1, source = \"S\" }",
      "t.toml:26: joint.1.link.mass: expected a finite sigma of at least 0, found -1"},
     {26, "link.mass = { value = 2, unit = \"kg\", sigma = 1 }",
      "t.toml:26: joint.1.link.mass: expected a source out of [sources], found none"},
     {26, "link.mass = { value = 2, unit = \"kg\", sigma = 1, source = \"T\" }",
-     "t.toml:26: joint.1.link.mass: expected a source named in [sources] (did you mean S?), found \"T\""},
+     "t.toml:26: joint.1.link.mass: expected a source named in [sources] (did you mean S?), found "
+     "\"T\""},
     {21, "gear.k1 = { value = 1e4, unit = \"N m/rad\", confidence = \"low\", source = \"S\" }",
      "t.toml:21: joint.1.gear.k1: expected side = \"output\", found no side"},
-    {21, "gear.k1 = { value = 1e4, unit = \"N m/rad\", side = \"motor\", confidence = \"low\", source = \"S\" }",
+    {21,
+     "gear.k1 = { value = 1e4, unit = \"N m/rad\", side = \"motor\", confidence = \"low\", source "
+     "= \"S\" }",
      "t.toml:21: joint.1.gear.k1: expected side = \"output\", found side = \"motor\""},
     {26, "link.mass = { value = 2, unit = \"kg\", sigma = 1, source = \"S\", side = \"output\" }",
      "t.toml:26: joint.1.link.mass: expected no side, found side = \"output\""},
     // numbers
-    {26, "link.mass = { value = nan" OF_KG " }", "t.toml:26: joint.1.link.mass: expected a finite number, found nan"},
-    {26, "link.mass = { value = -inf" OF_KG " }", "t.toml:26: joint.1.link.mass: expected a finite number, found -inf"},
-    {26, "link.mass = { value = -2" OF_KG " }", "t.toml:26: joint.1.link.mass: expected a number of at least 0, found -2"},
+    {26, "link.mass = { value = nan" OF_KG " }",
+     "t.toml:26: joint.1.link.mass: expected a finite number, found nan"},
+    {26, "link.mass = { value = -inf" OF_KG " }",
+     "t.toml:26: joint.1.link.mass: expected a finite number, found -inf"},
+    {26, "link.mass = { value = -2" OF_KG " }",
+     "t.toml:26: joint.1.link.mass: expected a number of at least 0, found -2"},
     {20, "gear.ratio = { value = 0, unit = \"1\", confidence = \"high\", source = \"S\" }",
      "t.toml:20: joint.1.gear.ratio: expected a number above 0, found 0"},
-    {31, "wave_generator_order = { value = 2.5, unit = \"1\", confidence = \"low\", source = \"S\" }",
-     "t.toml:31: joint.1.ripple.1.wave_generator_order: expected a whole number from 1 to 4096, found 2.5"},
+    {31,
+     "wave_generator_order = { value = 2.5, unit = \"1\", confidence = \"low\", source = \"S\" }",
+     "t.toml:31: joint.1.ripple.1.wave_generator_order: expected a whole number from 1 to 4096, "
+     "found 2.5"},
     // numbers against each other
-    {25, "gear.t2 = { value = 10, unit = \"N m\", side = \"output\", confidence = \"low\", source = \"S\" }",
+    {25,
+     "gear.t2 = { value = 10, unit = \"N m\", side = \"output\", confidence = \"low\", source = "
+     "\"S\" }",
      "t.toml:25: joint.1.gear.t2: expected above t1 = 10, found 10"},
-    {18, "limits.position = { value = [3, -3], unit = \"rad\", confidence = \"high\", source = \"S\" }",
+    {18,
+     "limits.position = { value = [3, -3], unit = \"rad\", confidence = \"high\", source = \"S\" }",
      "t.toml:18: joint.1.limits.position: expected the lower limit first, found 3, -3"},
-    {29, "friction.valid = { value = [0.4, 0.02], unit = \"rad/s\", confidence = \"low\", source = \"S\" }",
+    {29,
+     "friction.valid = { value = [0.4, 0.02], unit = \"rad/s\", confidence = \"low\", source = "
+     "\"S\" }",
      "t.toml:29: joint.1.friction.valid: expected the lower speed first, found 0.4, 0.02"},
     {10, "velocity_cutoff = { value = 350, unit = \"Hz\", confidence = \"high\", source = \"S\" }",
      "t.toml:10: control.velocity_cutoff: expected below half of control.rate = 700, found 350"},
-    {28, "link.inertia = { value = [0.1, 0, 0, 0.1, 0, 0.3], unit = \"kg m^2\", confidence = \"low\", source = \"S\" }",
-     "t.toml:28: joint.1.link.inertia: expected no principal moment above the sum of the other two, found "
+    {28,
+     "link.inertia = { value = [0.1, 0, 0, 0.1, 0, 0.3], unit = \"kg m^2\", confidence = \"low\", "
+     "source = \"S\" }",
+     "t.toml:28: joint.1.link.inertia: expected no principal moment above the sum of the other "
+     "two, found "
      "principal moments 0.1, 0.1, 0.3"},
-    {28, "link.inertia = { value = [0.1, 0.2, 0, 0.1, 0, 0.1], unit = \"kg m^2\", confidence = \"low\", source = \"S\" }",
-     "t.toml:28: joint.1.link.inertia: expected an inertia about the com with no negative principal moment, found"},
-    {29, "link.first_moment = { value = [0, 0, 0], unit = \"kg m\", confidence = \"low\", source = \"S\" }",
-     "t.toml:27: joint.1.link.com: expected either com and inertia or first_moment and inertia_origin, found both"},
+    {28,
+     "link.inertia = { value = [0.1, 0.2, 0, 0.1, 0, 0.1], unit = \"kg m^2\", confidence = "
+     "\"low\", source = \"S\" }",
+     "t.toml:28: joint.1.link.inertia: expected an inertia about the com with no negative "
+     "principal moment, found"},
+    {29,
+     "link.first_moment = { value = [0, 0, 0], unit = \"kg m\", confidence = \"low\", source = "
+     "\"S\" }",
+     "t.toml:27: joint.1.link.com: expected either com and inertia or first_moment and "
+     "inertia_origin, found both"},
     {15, "name = \"a name with blanks\"",
-     "t.toml:15: joint.1.name: expected 1 to 15 printable characters without blanks, found \"a name with blanks\""},
+     "t.toml:15: joint.1.name: expected 1 to 15 printable characters without blanks, found \"a "
+     "name with blanks\""},
     // effects
     {35, "id = \"order_lines\"",
-     "t.toml:35: joint.1.effect.1.id: expected an effect id of docs/formats.md (did you mean order_line?), found "
+     "t.toml:35: joint.1.effect.1.id: expected an effect id of docs/formats.md (did you mean "
+     "order_line?), found "
      "\"order_lines\""},
-    {35, "id = \"inertia\"", "t.toml:34: joint.1.effect.1.inertia: expected inertia with inertia, found nothing"},
-    {36, "", "t.toml:34: joint.1.effect.1.order: expected order_line with order, amplitude, phase, directed, found "
-             "nothing"},
+    {35, "id = \"inertia\"",
+     "t.toml:34: joint.1.effect.1.inertia: expected inertia with inertia, found nothing"},
+    {36, "",
+     "t.toml:34: joint.1.effect.1.order: expected order_line with order, amplitude, phase, "
+     "directed, found "
+     "nothing"},
     {36, "mu = { value = 1, unit = \"N m/N m\", sigma = 0.1, source = \"S\" }",
      "t.toml:34: joint.1.effect.1.order: expected order_line with order"},
     {39, "directed = true\ngain = { value = 1, unit = \"1\", sigma = 0.1, source = \"S\" }",
-     "t.toml:40: joint.1.effect.1.gain: expected order_line with only order, amplitude, phase, directed, found gain"},
+     "t.toml:40: joint.1.effect.1.gain: expected order_line with only order, amplitude, phase, "
+     "directed, found gain"},
     {39, "directed = true\n[[joint]]\nname = \"A\"",
      "t.toml:41: joint.2.name: expected a name of its own, found \"A\" as for joint 1"},
 };
@@ -210,8 +252,9 @@ START_TEST(test_every_error_says_file_line_key_expected_and_found)
 {
     const Wrong &w = wrong_table[_i];
     const std::string message = message_of(changed(w.line, w.text));
-    ck_assert_msg(message.compare(0, std::strlen(w.message), w.message) == 0, "line %d \"%s\":\n expected %s\n found %s",
-                  w.line, w.text, w.message, message.c_str());
+    ck_assert_msg(message.compare(0, std::strlen(w.message), w.message) == 0,
+                  "line %d \"%s\":\n expected %s\n found %s", w.line, w.text, w.message,
+                  message.c_str());
     ck_assert_msg(message.find('\n') == std::string::npos, "more than a line: %s", message.c_str());
 }
 END_TEST
@@ -236,38 +279,46 @@ START_TEST(test_too_many_and_no_joints_are_refused)
             assert_text(message_of(many), "");
     }
     const std::string message = message_of(many);
-    ck_assert_msg(message == "t.toml:430: joint: expected at most 16 joints, found 17", "%s", message.c_str());
+    ck_assert_msg(message == "t.toml:430: joint: expected at most 16 joints, found 17", "%s",
+                  message.c_str());
 }
 END_TEST
 
 START_TEST(test_too_many_of_a_joints_tables_are_refused)
 {
-    const std::string ripple = "[[joint.ripple]]\n"
+    const std::string ripple =
+        "[[joint.ripple]]\n"
         "wave_generator_order = { value = 2, unit = \"1\", confidence = \"low\", source = \"S\" }\n"
-        "amplitude = { value = 1.5, unit = \"N m\", side = \"output\", sigma = 0.1, source = \"S\" }\n"
+        "amplitude = { value = 1.5, unit = \"N m\", side = \"output\", sigma = 0.1, source = \"S\" "
+        "}\n"
         "phase = { value = 0.5, unit = \"rad\", sigma = 0.1, source = \"S\" }\n";
-    const std::string line = "[[joint.effect]]\nid = \"order_line\"\n"
+    const std::string line =
+        "[[joint.effect]]\nid = \"order_line\"\n"
         "order = { value = 7.5, unit = \"1\", sigma = 0.1, source = \"S\" }\n"
         "amplitude = { value = 0.3, unit = \"N m\", sigma = 0.1, source = \"S\" }\n"
         "phase = { value = -1, unit = \"rad\", sigma = 0.1, source = \"S\" }\ndirected = false\n";
-    const std::string offset = "[[joint.effect]]\nid = \"torque_offset\"\n"
+    const std::string offset =
+        "[[joint.effect]]\nid = \"torque_offset\"\n"
         "torque = { value = 1, unit = \"N m\", sigma = 0.1, source = \"S\" }\n";
     std::string text(small_arm);
     for (int i = 2; i <= 8; i++)
         text += ripple;
     assert_text(message_of(text), "");
-    assert_text(message_of(text + ripple), "t.toml:30: joint.1.ripple: expected at most 8 ripples a joint, found 9");
+    assert_text(message_of(text + ripple),
+                "t.toml:30: joint.1.ripple: expected at most 8 ripples a joint, found 9");
     text = small_arm;
     for (int i = 2; i <= 4; i++)
         text += line;
     assert_text(message_of(text + offset), "");
-    assert_text(message_of(text + line),
-                "t.toml:59: joint.1.effect.5.id: expected at most 4 order_line effects a joint, found one more");
-    assert_text(message_of(text + offset + offset),
-                "t.toml:62: joint.1.effect.6.id: expected one torque_offset a joint, found a second");
+    assert_text(message_of(text + line), "t.toml:59: joint.1.effect.5.id: expected at most 4 "
+                                         "order_line effects a joint, found one more");
+    assert_text(
+        message_of(text + offset + offset),
+        "t.toml:62: joint.1.effect.6.id: expected one torque_offset a joint, found a second");
     for (int i = 5; i <= 65; i++)
         text += line;
-    assert_text(message_of(text), "t.toml:418: joint.1.effect: expected at most 64 tables, found 65");
+    assert_text(message_of(text),
+                "t.toml:418: joint.1.effect: expected at most 64 tables, found 65");
 }
 END_TEST
 
@@ -278,12 +329,15 @@ START_TEST(test_roll_pitch_yaw_turn_about_fixed_axes_in_that_order)
     file.set("joint.1.rpy", {{r, p, y}, "rad", {}, "S", "", "low"});
     file.set("flange.rpy", {{r, p, y}, "rad", {}, "S", "", "low"});
     file.refresh();
-    const double expected[9] = {
-        std::cos(y) * std::cos(p), std::cos(y) * std::sin(p) * std::sin(r) - std::sin(y) * std::cos(r),
-        std::cos(y) * std::sin(p) * std::cos(r) + std::sin(y) * std::sin(r), std::sin(y) * std::cos(p),
-        std::sin(y) * std::sin(p) * std::sin(r) + std::cos(y) * std::cos(r),
-        std::sin(y) * std::sin(p) * std::cos(r) - std::cos(y) * std::sin(r), -std::sin(p), std::cos(p) * std::sin(r),
-        std::cos(p) * std::cos(r)};
+    const double expected[9] = {std::cos(y) * std::cos(p),
+                                std::cos(y) * std::sin(p) * std::sin(r) - std::sin(y) * std::cos(r),
+                                std::cos(y) * std::sin(p) * std::cos(r) + std::sin(y) * std::sin(r),
+                                std::sin(y) * std::cos(p),
+                                std::sin(y) * std::sin(p) * std::sin(r) + std::cos(y) * std::cos(r),
+                                std::sin(y) * std::sin(p) * std::cos(r) - std::cos(y) * std::sin(r),
+                                -std::sin(p),
+                                std::cos(p) * std::sin(r),
+                                std::cos(p) * std::cos(r)};
     for (int i = 0; i < 9; i++) {
         ck_assert_double_eq_tol(file.arm().joint[0].rot[i], expected[i], 1e-14);
         ck_assert_double_eq_tol(file.arm().flange_rot[i], expected[i], 1e-14);
@@ -296,7 +350,8 @@ START_TEST(test_a_file_that_cannot_be_read_is_named)
     char err[200];
     static hdt_arm arm;
     ck_assert_int_eq(hdt_arm_load("no/such/arm.toml", &arm, err, sizeof err), -1);
-    ck_assert_str_eq(err, "no/such/arm.toml: expected a readable model file, found: No such file or directory");
+    ck_assert_str_eq(
+        err, "no/such/arm.toml: expected a readable model file, found: No such file or directory");
     ck_assert_int_eq(hdt_arm_load("model", &arm, err, sizeof err), -1);
     ck_assert_str_eq(err, "model: expected a readable model file, found: Is a directory");
     ck_assert_int_eq(hdt_arm_load("/dev/zero", &arm, err, sizeof err), -1);
@@ -326,8 +381,11 @@ static void must_load_or_refuse(const std::string &text)
         ArmFile::parse(text, "f.toml");
     } catch (const InputError &error) {
         const std::string what = error.what();
-        ck_assert_msg(what.compare(0, 6, "f.toml") == 0 && std::none_of(what.begin(), what.end(), [](char c) {
-            return static_cast<unsigned char>(c) < 0x20; }), "%s", what.c_str());
+        ck_assert_msg(
+            what.compare(0, 6, "f.toml") == 0
+                && std::none_of(what.begin(), what.end(),
+                                [](char c) { return static_cast<unsigned char>(c) < 0x20; }),
+            "%s", what.c_str());
     }
 }
 
@@ -342,9 +400,14 @@ START_TEST(test_damaged_bytes_never_do_more_than_refuse)
         for (uint64_t k = test_random(&seed) % 6 + 1; k > 0; k--) {
             const std::size_t at = test_random(&seed) % text.size();
             switch (test_random(&seed) % 3) {
-            case 0: text[at] = static_cast<char>(test_random(&seed)); break;
-            case 1: text.erase(at, test_random(&seed) % 40); break;
-            default: text.insert(at, text.substr(test_random(&seed) % text.size(), 20));
+            case 0:
+                text[at] = static_cast<char>(test_random(&seed));
+                break;
+            case 1:
+                text.erase(at, test_random(&seed) % 40);
+                break;
+            default:
+                text.insert(at, text.substr(test_random(&seed) % text.size(), 20));
             }
         }
         must_load_or_refuse(text);
@@ -426,10 +489,23 @@ static uint64_t bits_of(double x)
 START_TEST(test_any_finite_number_and_any_text_survive_writing)
 {
     uint64_t seed = 5;
-    const double special[] = {0.0, -0.0, 5e-324, 1.7976931348623157e308, 123456789012345680000.0, 9007199254740993.0,
-                              1e15, 999999999999999.0, 1e16, -1e22, 0.1};
-    const char *texts[] = {"", "plain", "quote \" backslash \\ tab \t newline \n bell \a delete \x7f",
-                           "Umlaut \xc3\xa4, N\xc2\xb7m", "'''\"\"\"", "# = [x]"};
+    const double special[] = {0.0,
+                              -0.0,
+                              5e-324,
+                              1.7976931348623157e308,
+                              123456789012345680000.0,
+                              9007199254740993.0,
+                              1e15,
+                              999999999999999.0,
+                              1e16,
+                              -1e22,
+                              0.1};
+    const char *texts[] = {"",
+                           "plain",
+                           "quote \" backslash \\ tab \t newline \n bell \a delete \x7f",
+                           "Umlaut \xc3\xa4, N\xc2\xb7m",
+                           "'''\"\"\"",
+                           "# = [x]"};
     for (int round = 0; round < 400; round++) {
         ArmFile file = ArmFile::parse(small_arm, "t.toml");
         Quantity q{{}, "m", {}, "S", "", "low"};
@@ -462,9 +538,11 @@ START_TEST(test_set_append_and_erase_change_just_what_they_name)
     file.set_text("sources.FIT", "a fit");
     file.set("joint.2.friction.positive.f0", {{41.5}, "N m", {0.2}, "FIT", ""});
     ck_assert_double_eq(file.arm().joint[1].friction[0].f0_nm, 39.9709); // not before refresh
-    file.append("joint.2.effect", {{"id", "torque_offset"}}, {{"torque", {{1.5}, "N m", {0.1}, "FIT", "output"}}});
+    file.append("joint.2.effect", {{"id", "torque_offset"}},
+                {{"torque", {{1.5}, "N m", {0.1}, "FIT", "output"}}});
     file.append("joint.2.effect", {{"id", "order_line"}, {"directed", "false"}},
-                {{"order", {{50}, "1", {0.1}, "FIT", ""}}, {"amplitude", {{2}, "N m", {0.1}, "FIT", ""}},
+                {{"order", {{50}, "1", {0.1}, "FIT", ""}},
+                 {"amplitude", {{2}, "N m", {0.1}, "FIT", ""}},
                  {"phase", {{0.3}, "rad", {0.1}, "FIT", ""}}});
     file.refresh();
     hdt_arm expected = before.arm();
@@ -507,18 +585,21 @@ START_TEST(test_a_wrong_change_is_refused_and_changes_nothing)
     ArmFile file = ArmFile::parse(small_arm, "t.toml");
     const std::string before = file.text();
     const Quantity mass{{1}, "kg", {0.1}, "S", ""};
-    assert_text(refused([&] { file.set("joint.1.link.mas", mass); }),
-                     "t.toml:26: joint.1.link.mas: expected a key of format hdt-arm (did you mean mass?), found "
-                     "\"joint.1.link.mas\"");
+    assert_text(
+        refused([&] { file.set("joint.1.link.mas", mass); }),
+        "t.toml:26: joint.1.link.mas: expected a key of format hdt-arm (did you mean mass?), found "
+        "\"joint.1.link.mas\"");
     assert_text(refused([&] { file.set("joint.1.origin", mass); }),
-                     "t.toml: joint.1.origin: expected value with 3 numbers, found 1");
+                "t.toml: joint.1.origin: expected value with 3 numbers, found 1");
     assert_text(refused([&] { file.set("joint.3.link.mass", mass); }),
-                     "t.toml:14: joint.3.link.mass: expected a table up to joint.2, found 3");
+                "t.toml:14: joint.3.link.mass: expected a table up to joint.2, found 3");
     assert_text(refused([&] { file.set("joint.1.name", mass); }),
-                     "t.toml:15: joint.1.name: expected a text, found a quantity");
-    assert_text(refused([&] { file.append("joint.1.effect", {{"id", "inertia"}},
-                                               {{"inertia", {{NAN}, "kg m^2", {1}, "S", ""}}}); }),
-                     "t.toml: joint.1.effect.2.inertia: expected a finite number, found nan");
+                "t.toml:15: joint.1.name: expected a text, found a quantity");
+    assert_text(refused([&] {
+                    file.append("joint.1.effect", {{"id", "inertia"}},
+                                {{"inertia", {{NAN}, "kg m^2", {1}, "S", ""}}});
+                }),
+                "t.toml: joint.1.effect.2.inertia: expected a finite number, found nan");
     ck_assert(refused([&] { file.append("joint.1.link", {}, {}); }) != "");
     ck_assert(refused([&] { file.get("joint.1.feedback.kp"); }) != "");
     ck_assert(refused([&] { file.get("joint.1.name"); }) != "");
@@ -528,8 +609,10 @@ START_TEST(test_a_wrong_change_is_refused_and_changes_nothing)
     ArmFile wound = ArmFile::load(pa10_path);
     wound.set("joint.3.stiffness.negative.t2", {{2.64}, "N m", {}, "PAPER", "", "low"});
     const std::string crossed = refused([&] { wound.refresh(); });
-    ck_assert_msg(crossed.find("joint.3.stiffness.negative.t2: expected above t1 = 2.64, found 2.64") != std::string::npos,
-                  "%s", crossed.c_str());
+    ck_assert_msg(
+        crossed.find("joint.3.stiffness.negative.t2: expected above t1 = 2.64, found 2.64")
+            != std::string::npos,
+        "%s", crossed.c_str());
     // what only the whole can tell waits for refresh, which keeps the old numbers
     file.set("joint.1.gear.t2", {{1}, "N m", {0.1}, "S", ""});
     ck_assert(refused([&] { file.refresh(); }) != "");
@@ -545,7 +628,9 @@ START_TEST(test_save_leaves_no_part_of_a_file)
     ck_assert_int_eq(system(("mkdir -p " + directory + "/taken/x").c_str()), 0);
     ck_assert(refused([&] { file.save(directory + "/taken"); }) != "");
     file.save(directory + "/good.toml");
-    ck_assert_int_eq(system(("test \"$(ls -A " + directory + " | tr '\\n' ' ')\" = 'good.toml taken '").c_str()), 0);
+    ck_assert_int_eq(
+        system(("test \"$(ls -A " + directory + " | tr '\\n' ' ')\" = 'good.toml taken '").c_str()),
+        0);
     ck_assert_int_eq(system(("rm -r " + directory).c_str()), 0);
 }
 END_TEST
@@ -576,13 +661,20 @@ START_TEST(test_both_inertia_forms_give_the_same_arm)
     file.erase("joint.1.link.com");
     file.erase("joint.1.link.inertia");
     file.set("joint.1.link.first_moment", {{0.2, 0, 0.4}, "kg m", {}, "S", "", "low"});
-    file.set("joint.1.link.inertia_origin", {{0.1 + 2 * 0.04, 0, -2 * 0.1 * 0.2, 0.1 + 2 * 0.05, 0, 0.1 + 2 * 0.01},
-                                             "kg m^2", {}, "S", "", "low"});
+    file.set("joint.1.link.inertia_origin",
+             {{0.1 + 2 * 0.04, 0, -2 * 0.1 * 0.2, 0.1 + 2 * 0.05, 0, 0.1 + 2 * 0.01},
+              "kg m^2",
+              {},
+              "S",
+              "",
+              "low"});
     file.refresh();
     for (int i = 0; i < 3; i++)
-        ck_assert_double_eq_tol(file.arm().joint[0].moment_kgm[i], com_form.joint[0].moment_kgm[i], 1e-15);
+        ck_assert_double_eq_tol(file.arm().joint[0].moment_kgm[i], com_form.joint[0].moment_kgm[i],
+                                1e-15);
     for (int i = 0; i < 6; i++)
-        ck_assert_double_eq_tol(file.arm().joint[0].inertia_kgm2[i], com_form.joint[0].inertia_kgm2[i], 1e-15);
+        ck_assert_double_eq_tol(file.arm().joint[0].inertia_kgm2[i],
+                                com_form.joint[0].inertia_kgm2[i], 1e-15);
     ck_assert_int_eq(file.arm().joint[0].has_inertial, 1);
     // identified base parameters: mass zero, first moment not, no feasibility asked
     file.set("joint.1.link.mass", {{0}, "kg", {}, "S", "", "low"});
@@ -598,15 +690,24 @@ END_TEST
 
 // ---- the PA-10 ----
 
-struct TableTwo { double f0, fv, fs, vc; };
+struct TableTwo {
+    double f0, fv, fs, vc;
+};
 // Kennedy and Desai 2005, Table II, as printed: negative rows with the paper's negative F_s and V_c
-static const TableTwo table_two[2][7] = {
-    {{34.9647, 29.7153, 2.8103, 0.3376}, {39.9709, 35.3200, 6.2713, 0.0685}, {18.3053, 17.6413, 2.2282, 0.0430},
-     {30.4416, 28.5552, 19.7181, 0.3278}, {3.7145, 0.7493, 1.0792, 0.0386}, {5.5090, 0.5859, 0.9983, 0.0126},
-     {2.2980, 0.6062, -1.1803, 0.0759}},
-    {{36.7050, 26.4796, -2.2885, -0.6172}, {41.3113, 35.8947, -5.9018, -0.0709}, {18.7327, 17.8371, -2.7240, -0.0405},
-     {30.6897, 29.4670, -21.7854, -0.3676}, {4.1271, 0.7919, -1.3756, -0.0393}, {5.7954, 0.5711, -0.9967, -0.0135},
-     {2.3027, 0.6836, 1.1470, -0.0690}}};
+static const TableTwo table_two[2][7] = {{{34.9647, 29.7153, 2.8103, 0.3376},
+                                          {39.9709, 35.3200, 6.2713, 0.0685},
+                                          {18.3053, 17.6413, 2.2282, 0.0430},
+                                          {30.4416, 28.5552, 19.7181, 0.3278},
+                                          {3.7145, 0.7493, 1.0792, 0.0386},
+                                          {5.5090, 0.5859, 0.9983, 0.0126},
+                                          {2.2980, 0.6062, -1.1803, 0.0759}},
+                                         {{36.7050, 26.4796, -2.2885, -0.6172},
+                                          {41.3113, 35.8947, -5.9018, -0.0709},
+                                          {18.7327, 17.8371, -2.7240, -0.0405},
+                                          {30.6897, 29.4670, -21.7854, -0.3676},
+                                          {4.1271, 0.7919, -1.3756, -0.0393},
+                                          {5.7954, 0.5711, -0.9967, -0.0135},
+                                          {2.3027, 0.6836, 1.1470, -0.0690}}};
 
 // eq. (7) as printed, v of either sign
 static double equation_seven(const TableTwo &row, double v)
@@ -620,8 +721,10 @@ START_TEST(test_friction_is_equation_seven_with_table_two)
     for (int j = 0; j < 7; j++)
         for (double v = 0.001; v < 2; v *= 1.1) {
             const hdt_arm_joint &joint = file.arm().joint[j];
-            ck_assert_double_eq_tol(hdt::stribeck_nm(joint.friction[0], v), equation_seven(table_two[0][j], v), 1e-12);
-            ck_assert_double_eq_tol(-hdt::stribeck_nm(joint.friction[1], v), equation_seven(table_two[1][j], -v), 1e-12);
+            ck_assert_double_eq_tol(hdt::stribeck_nm(joint.friction[0], v),
+                                    equation_seven(table_two[0][j], v), 1e-12);
+            ck_assert_double_eq_tol(-hdt::stribeck_nm(joint.friction[1], v),
+                                    equation_seven(table_two[1][j], -v), 1e-12);
         }
 }
 END_TEST
@@ -629,10 +732,11 @@ END_TEST
 START_TEST(test_ripple_orders_are_table_three_in_wave_generator_turns)
 {
     // frequency in cycles per output radian, amplitude, phase
-    static const double table[7][6] = {{15.87, 7.50, 2.30, 47.60, 5.05, 12.80},   {47.60, 6.00, -1.50, 310.50, 2.50, -6.90},
-                                       {39.65, 0.70, 0.10, 239.20, 0.55, 5.50},   {39.65, 5.00, -3.15, 262.50, 0.10, 3.98},
-                                       {23.80, 0.50, 4.95, 95.80, 0.40, 7.50},    {23.80, 0.10, -1.50, 95.80, 0.50, 5.50},
-                                       {23.80, 0.10, -1.00, 95.80, 0.50, 2.50}};
+    static const double table[7][6] = {
+        {15.87, 7.50, 2.30, 47.60, 5.05, 12.80}, {47.60, 6.00, -1.50, 310.50, 2.50, -6.90},
+        {39.65, 0.70, 0.10, 239.20, 0.55, 5.50}, {39.65, 5.00, -3.15, 262.50, 0.10, 3.98},
+        {23.80, 0.50, 4.95, 95.80, 0.40, 7.50},  {23.80, 0.10, -1.50, 95.80, 0.50, 5.50},
+        {23.80, 0.10, -1.00, 95.80, 0.50, 2.50}};
     const ArmFile file = ArmFile::load(pa10_path);
     for (int j = 0; j < 7; j++) {
         ck_assert_int_eq(file.arm().joint[j].ripples, 2);
@@ -651,14 +755,18 @@ END_TEST
 
 START_TEST(test_wind_up_is_table_five_continuous_and_joint_signed)
 {
-    // values at the two break points, worked out by hand from Table V as printed (value at zero load
-    // plus slope times load along each line); negative rows printed along the motion, joint 3
+    // values at the two break points, worked out by hand from Table V as printed (value at zero
+    // load plus slope times load along each line); negative rows printed along the motion, joint 3
     // negative with its break points in order
-    struct Row { int joint, way; double t1, t2, at_t1, at_t2, at_0; };
-    static const Row rows[] = {{1, 0, -25.36, -12.70, -30.48, -0.98, 2.32},  {1, 1, 12.16, 19.53, 0.68, -13.55, 0.19},
-                               {2, 0, -23.48, -11.75, -34.64, -3.79, -1.44}, {2, 1, 11.16, 21.75, -0.22, -29.87, 0.45},
-                               {3, 0, -5.78, -3.49, -9.26, 0.50, 0.81},      {3, 1, 2.64, 5.30, -0.25, -9.82, -0.30},
-                               {4, 0, -19.58, -16.27, -29.21, -12.40, 2.57}, {4, 1, 15.14, 19.23, -11.75, -28.56, -1.45}};
+    struct Row {
+        int joint, way;
+        double t1, t2, at_t1, at_t2, at_0;
+    };
+    static const Row rows[] = {
+        {1, 0, -25.36, -12.70, -30.48, -0.98, 2.32},  {1, 1, 12.16, 19.53, 0.68, -13.55, 0.19},
+        {2, 0, -23.48, -11.75, -34.64, -3.79, -1.44}, {2, 1, 11.16, 21.75, -0.22, -29.87, 0.45},
+        {3, 0, -5.78, -3.49, -9.26, 0.50, 0.81},      {3, 1, 2.64, 5.30, -0.25, -9.82, -0.30},
+        {4, 0, -19.58, -16.27, -29.21, -12.40, 2.57}, {4, 1, 15.14, 19.23, -11.75, -28.56, -1.45}};
     const ArmFile file = ArmFile::load(pa10_path);
     for (const Row &row : rows) {
         const hdt_arm_stiffness &lines = file.arm().joint[row.joint - 1].stiffness[row.way];
@@ -678,7 +786,8 @@ START_TEST(test_pa10_gains_limits_and_inertia_are_those_of_the_sources)
 {
     const ArmFile file = ArmFile::load(pa10_path);
     const hdt_arm &arm = file.arm();
-    static const double kp[] = {4, 5, 4, 2, 0.6, 1.2, 0.6}, kd[] = {1, 1, 0.5, 0.5, 0.05, 0.15, 0.05},
+    static const double kp[] = {4, 5, 4, 2, 0.6, 1.2, 0.6},
+                        kd[] = {1, 1, 0.5, 0.5, 0.05, 0.15, 0.05},
                         limit_deg[] = {177, 94, 174, 137, 255, 165, 255},
                         reflected[] = {1.1725, 1.1725, 0.31575, 0.31575, 0.0255, 0.0255, 0.0255},
                         torque[] = {4.64, 4.64, 2, 2, 0.29, 0.29, 0.29};
@@ -714,7 +823,8 @@ START_TEST(test_pa10_stands_up_straight_and_leans_towards_x)
 {
     const ArmFile file = ArmFile::load(pa10_path);
     const hdt::rbd::Pose up = hdt::rbd::flange(file.arm(), degrees({}));
-    ck_assert_double_eq_tol((up.pos - Eigen::Vector3d(0, 0, 0.315 + 0.45 + 0.5 + 0.08)).norm(), 0, 1e-12);
+    ck_assert_double_eq_tol((up.pos - Eigen::Vector3d(0, 0, 0.315 + 0.45 + 0.5 + 0.08)).norm(), 0,
+                            1e-12);
     ck_assert_double_eq_tol((up.rot - Eigen::Matrix3d::Identity()).norm(), 0, 1e-12);
     const hdt::rbd::Pose flat = hdt::rbd::flange(file.arm(), degrees({0, 90}));
     ck_assert_double_eq_tol((flat.pos - Eigen::Vector3d(1.03, 0, 0.315)).norm(), 0, 1e-12);
@@ -732,7 +842,8 @@ START_TEST(test_pa10_holds_what_the_manufacturers_masses_weigh)
     const Eigen::VectorXd tau = hdt::rbd::gravity(file.arm(), degrees({0, -90}));
     const double wrist = 1.46 * (0.5 - 0.030) + 0.24 * (0.5 + 0.051);
     const double elbow = 4.31 * 0.04609 + 3.45 * 0.3353 + wrist;
-    const double shoulder = 8.41 * 0.06325 + 3.51 * 0.36056 + elbow + 0.45 * (4.31 + 3.45 + 1.46 + 0.24);
+    const double shoulder =
+        8.41 * 0.06325 + 3.51 * 0.36056 + elbow + 0.45 * (4.31 + 3.45 + 1.46 + 0.24);
     ck_assert_double_eq_tol(tau[1], 9.81 * shoulder, 1e-9);
     ck_assert_double_eq_tol(tau[3], 9.81 * elbow, 1e-9);
     ck_assert_double_eq_tol(tau[1], 80.7, 0.05);
@@ -746,7 +857,10 @@ END_TEST
 START_TEST(test_table_four_masses_hold_the_worked_cases)
 {
     const ArmFile file = ArmFile::load(paper_path);
-    struct Case { Eigen::VectorXd q; double tau[5]; };
+    struct Case {
+        Eigen::VectorXd q;
+        double tau[5];
+    };
     const Case cases[] = {{degrees({0, -90}), {80.83, 0, 21.09, 0, -3.83}},
                           {degrees({0, 90}), {-80.83, 0, -21.09, 0, 3.83}},
                           {degrees({0, 0, 0, 90}), {-21.09, 0, -21.09, 0, 3.83}},

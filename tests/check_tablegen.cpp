@@ -77,7 +77,8 @@ static hdt_arm with_all_effects()
 }
 
 // One period of the core at a random state, and the same sample in floating point.
-static hdt::Sample random_step(const hdt_arm &arm, const hdt_tables &tables, uint64_t *seed, hdt_out *out)
+static hdt::Sample random_step(const hdt_arm &arm, const hdt_tables &tables, uint64_t *seed,
+                               hdt_out *out)
 {
     const double counts_per_turn = 16384 * 50;
     hdt::Sample s{0, {}, {}, {}, {}, {}};
@@ -88,10 +89,13 @@ static hdt::Sample random_step(const hdt_arm &arm, const hdt_tables &tables, uin
     in.mode = HDT_MODE_TORQUE;
     in.fresh = in.active = 0xffffu;
     for (int j = 0; j < arm.joints; j++) {
-        in.count[j].raw = static_cast<int32_t>(std::lround(
-            test_uniform(seed, arm.joint[j].q_min_rad, arm.joint[j].q_max_rad) / (2 * M_PI) * counts_per_turn));
-        in.v_ref[j].raw = static_cast<int32_t>(std::lround(std::ldexp(test_uniform(seed, -1, 1), 24)));
-        in.a_ref[j].raw = static_cast<int32_t>(std::lround(std::ldexp(test_uniform(seed, -3, 3), 16)));
+        in.count[j].raw = static_cast<int32_t>(
+            std::lround(test_uniform(seed, arm.joint[j].q_min_rad, arm.joint[j].q_max_rad)
+                        / (2 * M_PI) * counts_per_turn));
+        in.v_ref[j].raw =
+            static_cast<int32_t>(std::lround(std::ldexp(test_uniform(seed, -1, 1), 24)));
+        in.a_ref[j].raw =
+            static_cast<int32_t>(std::lround(std::ldexp(test_uniform(seed, -3, 3), 16)));
         s.q[j] = in.count[j].raw / counts_per_turn * 2 * M_PI;
         s.v[j] = std::ldexp(in.v_ref[j].raw, -24);
         s.a[j] = std::ldexp(in.a_ref[j].raw, -16);
@@ -125,15 +129,18 @@ START_TEST(test_the_core_computes_every_term_of_the_model)
         const std::vector<hdt::TermTorque> terms = hdt::arm_terms(arm, s);
         for (int j = 0; j < arm.joints; j++)
             for (int t = 0; t < HDT_TERM_P; t++) {
-                const double expected = terms[static_cast<std::size_t>(j)][static_cast<std::size_t>(t)];
+                const double expected =
+                    terms[static_cast<std::size_t>(j)][static_cast<std::size_t>(t)];
                 const double found = std::ldexp(out.term[t][j].raw, -16);
-                ck_assert_msg(std::fabs(found - expected) <= bound[t], "joint %d %s: core %.6f, model %.6f N.m", j + 1,
-                              hdt_term_str(t), found, expected);
+                ck_assert_msg(std::fabs(found - expected) <= bound[t],
+                              "joint %d %s: core %.6f, model %.6f N.m", j + 1, hdt_term_str(t),
+                              found, expected);
                 seen[t] = std::max(seen[t], std::fabs(expected));
             }
     }
     for (int t = 0; t < HDT_TERM_P; t++)
-        ck_assert_msg(seen[t] > 0.1 || (_i == 0 && t >= HDT_TERM_LINES), "%s was never there", hdt_term_str(t));
+        ck_assert_msg(seen[t] > 0.1 || (_i == 0 && t >= HDT_TERM_LINES), "%s was never there",
+                      hdt_term_str(t));
 }
 END_TEST
 
@@ -167,11 +174,13 @@ START_TEST(test_friction_holds_up_to_the_joint_speed_and_beyond_validity)
     const Made made = make(arm);
     for (int j = 0; j < arm.joints; j++) {
         const hdt_joint_tab &tab = made.tables->joint[j];
-        const double span = std::max(arm.joint[j].v_max_radps, 0.6), step = std::ldexp(1, int(tab.friction_shift) - 24);
+        const double span = std::max(arm.joint[j].v_max_radps, 0.6),
+                     step = std::ldexp(1, int(tab.friction_shift) - 24);
         for (int way = 0; way < 2; way++)
             for (double v = 0; v <= span; v += 0.00037) {
                 const int k = std::min(static_cast<int>(v / step), 127);
-                const double lower = tab.friction_q16[way][k] / 65536.0, upper = tab.friction_q16[way][k + 1] / 65536.0;
+                const double lower = tab.friction_q16[way][k] / 65536.0,
+                             upper = tab.friction_q16[way][k + 1] / 65536.0;
                 ck_assert_double_eq_tol(lower + (upper - lower) * (v / step - k),
                                         hdt::stribeck_nm(arm.joint[j].friction[way], v),
                                         made.report.friction_nm + 1e-9);
@@ -201,13 +210,17 @@ START_TEST(test_scaling_and_limits_are_those_of_the_model)
         ck_assert_double_eq_tol(tab.digit_per_nm_q24 / 16777216.0, 1000 / (50 * 1.05), 1e-6);
         ck_assert_double_eq_tol(tab.kp_q16 / 65536.0, 50 * arm.joint[j].kp_m_nmprad, 1e-5);
         ck_assert_double_eq_tol(tab.kd_q16 / 65536.0, 50 * arm.joint[j].kd_m_nmspr, 1e-5);
-        ck_assert_double_eq_tol(std::ldexp(tab.rad_per_count_q44, -44) * 16384 * 50, 2 * M_PI, 1e-7);
-        ck_assert_double_eq_tol(std::ldexp(double(tab.phase_per_count_q24), -56) * 16384 * 50, 1, 1e-10);
+        ck_assert_double_eq_tol(std::ldexp(tab.rad_per_count_q44, -44) * 16384 * 50, 2 * M_PI,
+                                1e-7);
+        ck_assert_double_eq_tol(std::ldexp(double(tab.phase_per_count_q24), -56) * 16384 * 50, 1,
+                                1e-10);
         ck_assert_double_eq_tol(tab.q_max_q24 / 16777216.0, arm.joint[j].q_max_rad, 1e-7);
         ck_assert_double_eq_tol(tab.v_max_q24 / 16777216.0, 1.2 * arm.joint[j].v_max_radps, 1e-7);
         ck_assert_double_eq_tol(tab.follow_max_q24 / 16777216.0, 0.5, 1e-7);
-        ck_assert_int_eq(tab.spd_max, static_cast<int32_t>(std::floor(arm.joint[j].v_max_radps * 5000 + 1e-6)));
-        ck_assert_double_eq_tol(tab.rotor_q20 / 1048576.0, hdt::reflected_inertia_kgm2(arm.joint[j]), 1e-6);
+        ck_assert_int_eq(tab.spd_max,
+                         static_cast<int32_t>(std::floor(arm.joint[j].v_max_radps * 5000 + 1e-6)));
+        ck_assert_double_eq_tol(tab.rotor_q20 / 1048576.0,
+                                hdt::reflected_inertia_kgm2(arm.joint[j]), 1e-6);
     }
 }
 END_TEST
@@ -216,10 +229,10 @@ START_TEST(test_awkward_but_possible_numbers_are_taken)
 {
     hdt_arm arm = with_all_effects();
     hdt_arm_joint &joint = arm.joint[1];
-    joint.v_max_radps = 20;               // more than a speed word can say
-    joint.friction_v_min_radps = 0.004;   // finer than the usual ramp
-    joint.warm_s = 1e15;                  // never warms up
-    joint.line[0].phase_rad = -1e-12;     // a whole turn after rounding
+    joint.v_max_radps = 20;             // more than a speed word can say
+    joint.friction_v_min_radps = 0.004; // finer than the usual ramp
+    joint.warm_s = 1e15;                // never warms up
+    joint.line[0].phase_rad = -1e-12;   // a whole turn after rounding
     joint.friction_v_max_radps = 30;
     const Made made = make(arm);
     const hdt_joint_tab &tab = made.tables->joint[1];
@@ -238,8 +251,9 @@ START_TEST(test_only_terms_the_model_uses_are_on)
 {
     hdt_arm arm = pa10();
     const uint32_t all = make(arm).tables->joint[1].terms;
-    ck_assert_uint_eq(all, 1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_INERTIA | 1u << HDT_TERM_FRICTION | 1u << HDT_TERM_RIPPLE
-                           | 1u << HDT_TERM_STIFFNESS | 1u << HDT_TERM_P | 1u << HDT_TERM_D);
+    ck_assert_uint_eq(all, 1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_INERTIA | 1u << HDT_TERM_FRICTION
+                               | 1u << HDT_TERM_RIPPLE | 1u << HDT_TERM_STIFFNESS | 1u << HDT_TERM_P
+                               | 1u << HDT_TERM_D);
     ck_assert_uint_eq(make(with_all_effects()).tables->joint[1].terms, (1u << HDT_TERMS) - 1);
     for (int j = 0; j < arm.joints; j++) {
         hdt_arm_joint &joint = arm.joint[j];
@@ -253,7 +267,8 @@ START_TEST(test_only_terms_the_model_uses_are_on)
     arm.joint[5].has_inertial = 1;
     arm.joint[5].mass_kg = 0;
     const Made moment = make(arm);
-    ck_assert_uint_eq(moment.tables->joint[2].terms, 1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_INERTIA);
+    ck_assert_uint_eq(moment.tables->joint[2].terms,
+                      1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_INERTIA);
     ck_assert_uint_eq(moment.tables->joint[6].terms, 0);
 }
 END_TEST
@@ -273,15 +288,21 @@ START_TEST(test_payload_is_a_heavier_last_link)
     const double square = at[0] * at[0] + at[1] * at[1] + at[2] * at[2];
     static const int row[6] = {0, 0, 0, 1, 1, 2}, column[6] = {0, 1, 2, 1, 2, 2};
     for (int i = 0; i < 6; i++)
-        link.inertia_kgm2[i] += m * ((row[i] == column[i] ? square : 0) - at[row[i]] * at[column[i]]);
+        link.inertia_kgm2[i] +=
+            m * ((row[i] == column[i] ? square : 0) - at[row[i]] * at[column[i]]);
     const Made a = make(with_payload), b = make(with_link);
     for (int j = 0; j < 7; j++)
         for (int i = 0; i < 6; i++) {
-            ck_assert_int_le(std::abs(a.tables->joint[j].mass_q20 - b.tables->joint[j].mass_q20), 1);
-            ck_assert_int_le(std::abs(a.tables->joint[j].moment_q20[i % 3] - b.tables->joint[j].moment_q20[i % 3]), 1);
-            ck_assert_int_le(std::abs(a.tables->joint[j].inertia_q20[i] - b.tables->joint[j].inertia_q20[i]), 1);
+            ck_assert_int_le(std::abs(a.tables->joint[j].mass_q20 - b.tables->joint[j].mass_q20),
+                             1);
+            ck_assert_int_le(std::abs(a.tables->joint[j].moment_q20[i % 3]
+                                      - b.tables->joint[j].moment_q20[i % 3]),
+                             1);
+            ck_assert_int_le(
+                std::abs(a.tables->joint[j].inertia_q20[i] - b.tables->joint[j].inertia_q20[i]), 1);
             ck_assert_int_le(std::abs(a.tables->joint[j].hold_moment_q20[i % 3]
-                                      - b.tables->joint[j].hold_moment_q20[i % 3]), 1);
+                                      - b.tables->joint[j].hold_moment_q20[i % 3]),
+                             1);
         }
     ck_assert_int_gt(a.tables->joint[6].mass_q20, make(pa10()).tables->joint[6].mass_q20);
 }
@@ -293,7 +314,8 @@ static double gain_at(const int32_t b[5], double hz, double rate_hz)
 {
     const std::complex<double> z = std::exp(std::complex<double>(0, -2 * M_PI * hz / rate_hz));
     const double one = std::ldexp(1, 28);
-    return std::abs((b[0] / one + b[1] / one * z + b[2] / one * z * z) / (1.0 + b[3] / one * z + b[4] / one * z * z));
+    return std::abs((b[0] / one + b[1] / one * z + b[2] / one * z * z)
+                    / (1.0 + b[3] / one * z + b[4] / one * z * z));
 }
 
 START_TEST(test_velocity_filter_is_a_second_order_butterworth)
@@ -314,10 +336,13 @@ START_TEST(test_velocity_filter_is_a_second_order_butterworth)
         const double ratio = std::tan(M_PI * hz / rate) / std::tan(M_PI * cutoff / rate);
         ck_assert_double_eq_tol(gain_at(b, hz, rate), 1 / std::sqrt(1 + std::pow(ratio, 4)), 2e-5);
     }
-    // poles inside the unit circle and, undone by the bilinear transform, at 45 degrees in the left half plane
+    // poles inside the unit circle and, the bilinear transform undone, at 45 degrees in the left
+    // half plane
     const double one = std::ldexp(1, 28), a1 = b[3] / one, a2 = b[4] / one;
-    const std::complex<double> pole = (-a1 + std::sqrt(std::complex<double>(a1 * a1 - 4 * a2))) / 2.0;
-    const std::complex<double> analog = (pole - 1.0) / (pole + 1.0) / std::tan(M_PI * cutoff / rate);
+    const std::complex<double> pole =
+        (-a1 + std::sqrt(std::complex<double>(a1 * a1 - 4 * a2))) / 2.0;
+    const std::complex<double> analog =
+        (pole - 1.0) / (pole + 1.0) / std::tan(M_PI * cutoff / rate);
     ck_assert_double_lt(std::abs(pole), 1);
     ck_assert_double_eq_tol(analog.real(), -std::sqrt(0.5), 1e-4);
     ck_assert_double_eq_tol(std::fabs(analog.imag()), std::sqrt(0.5), 1e-4);
@@ -326,18 +351,27 @@ END_TEST
 
 // ---- refusals ----
 
-struct Refused { void (*spoil)(hdt_arm *); const char *says; };
+struct Refused {
+    void (*spoil)(hdt_arm *);
+    const char *says;
+};
 
 static const Refused refused_table[] = {
     {[](hdt_arm *a) { a->joints = 0; }, "joint: expected 1 to 16 joints for the tables, found 0"},
     {[](hdt_arm *a) { a->joints = 17; }, "joint: expected 1 to 16 joints for the tables, found 17"},
-    {[](hdt_arm *a) { std::memset(a->name, 'x', 40); }, "name: expected at most 31 characters for the tables, found 40"},
-    {[](hdt_arm *a) { a->control_rate_hz = 0; }, "control.rate: expected a quantity for the tables, found nothing"},
-    {[](hdt_arm *a) { a->control_rate_hz = 1e6; }, "control.rate: expected a number from 1 to 20000"},
-    {[](hdt_arm *a) { a->velocity_cutoff_hz = 0.1; }, "control.velocity_cutoff: expected at least a 2000th"},
-    {[](hdt_arm *a) { a->gravity_mps2[2] = 200; }, "base.gravity: expected a number from -128 to 128 for the tables, found 200"},
+    {[](hdt_arm *a) { std::memset(a->name, 'x', 40); },
+     "name: expected at most 31 characters for the tables, found 40"},
+    {[](hdt_arm *a) { a->control_rate_hz = 0; },
+     "control.rate: expected a quantity for the tables, found nothing"},
+    {[](hdt_arm *a) { a->control_rate_hz = 1e6; },
+     "control.rate: expected a number from 1 to 20000"},
+    {[](hdt_arm *a) { a->velocity_cutoff_hz = 0.1; },
+     "control.velocity_cutoff: expected at least a 2000th"},
+    {[](hdt_arm *a) { a->gravity_mps2[2] = 200; },
+     "base.gravity: expected a number from -128 to 128 for the tables, found 200"},
     {[](hdt_arm *a) { a->joint[1].friction[1].f0_nm = 20000; },
-     "joint.2.friction.negative: expected a number from -16383 to 16383 for the tables, found 20000"},
+     "joint.2.friction.negative: expected a number from -16383 to 16383 for the tables, found "
+     "20000"},
     {[](hdt_arm *a) { a->joint[1].ripple[0].amplitude_nm = 200; },
      "joint.2.ripple amplitudes together: expected a number from -127.99609 to 127.99609"},
     {[](hdt_arm *a) { a->joint[1].ripple[1].order_rev = 50 * 129; },
@@ -345,37 +379,70 @@ static const Refused refused_table[] = {
     {[](hdt_arm *a) { a->joint[1].ripple[1].order_rev = 51; },
      "joint.2.ripple.2.wave_generator_order: expected a whole number for the tables, found 1.02"},
     {[](hdt_arm *a) { a->joint[1].stiffness[0].slope[1] = 130; },
-     "joint.2.stiffness.positive.slope: expected a number from -128 to 128 for the tables, found 130"},
-    {[](hdt_arm *a) { a->joint[1].stiffness[1].t2_nm = 4e4; }, "joint.2.stiffness.negative.t2: expected a number from"},
-    {[](hdt_arm *a) { a->joint[1].stiffness[1].zero_nm = NAN; }, "joint.2.stiffness.negative.zero: expected a number from"},
-    {[](hdt_arm *a) { a->joint[1].ratio = 7; }, "joint.2.gear.ratio (times torque gain): expected at least 7.8125"},
-    {[](hdt_arm *a) { a->joint[1].ratio = 20000; }, "joint.2.gear.ratio: expected a number from 2 to 10000"},
-    {[](hdt_arm *a) { a->joint[1].kp_m_nmprad = 700; }, "joint.2.feedback.kp (times ratio): expected a number from 0 to 32768"},
-    {[](hdt_arm *a) { a->joint[1].kd_m_nmspr = INFINITY; }, "joint.2.feedback.kd (times ratio): expected a number"},
+     "joint.2.stiffness.positive.slope: expected a number from -128 to 128 for the tables, found "
+     "130"},
+    {[](hdt_arm *a) { a->joint[1].stiffness[1].t2_nm = 4e4; },
+     "joint.2.stiffness.negative.t2: expected a number from"},
+    {[](hdt_arm *a) { a->joint[1].stiffness[1].zero_nm = NAN; },
+     "joint.2.stiffness.negative.zero: expected a number from"},
+    {[](hdt_arm *a) { a->joint[1].ratio = 7; },
+     "joint.2.gear.ratio (times torque gain): expected at least 7.8125"},
+    {[](hdt_arm *a) { a->joint[1].ratio = 20000; },
+     "joint.2.gear.ratio: expected a number from 2 to 10000"},
+    {[](hdt_arm *a) { a->joint[1].kp_m_nmprad = 700; },
+     "joint.2.feedback.kp (times ratio): expected a number from 0 to 32768"},
+    {[](hdt_arm *a) { a->joint[1].kd_m_nmspr = INFINITY; },
+     "joint.2.feedback.kd (times ratio): expected a number"},
     {[](hdt_arm *a) { a->joint[1].tau_max_m_nm = 0; },
      "joint.2.motor.torque_max: expected a quantity for the tables' torque limit, found nothing"},
     {[](hdt_arm *a) { a->joint[1].tau_max_m_nm = 33; },
-     "joint.2.motor.torque_max (a digit is 0.001): expected a number from 0.001 to 32.767 for the tables, found 33"},
-    {[](hdt_arm *a) { a->joint[1].v_max_radps = 110; }, "joint.2.limits.speed (times 1.2): expected a number from -128 to 128"},
-    {[](hdt_arm *a) { a->joint[1].q_max_rad = 130; }, "joint.2.limits.position: expected a number from -128 to 128"},
+     "joint.2.motor.torque_max (a digit is 0.001): expected a number from 0.001 to 32.767 for the "
+     "tables, found 33"},
+    {[](hdt_arm *a) { a->joint[1].v_max_radps = 110; },
+     "joint.2.limits.speed (times 1.2): expected a number from -128 to 128"},
+    {[](hdt_arm *a) { a->joint[1].q_max_rad = 130; },
+     "joint.2.limits.position: expected a number from -128 to 128"},
     {[](hdt_arm *a) { a->joint[1].mass_kg = 3000; }, "joint.2.link.mass: expected a number from"},
-    {[](hdt_arm *a) { a->joint[1].moment_kgm[1] = 3000; }, "joint.2.link.com: expected a number from"},
-    {[](hdt_arm *a) { a->joint[1].inertia_kgm2[5] = NAN; }, "joint.2.link.inertia: expected a number from"},
-    {[](hdt_arm *a) { a->payload_kg = 3000; }, "joint.7.link with payload.mass: expected a number from"},
-    {[](hdt_arm *a) { a->joint[1].origin_m[0] = 200; }, "joint.2.origin: expected a number from -128 to 128"},
-    {[](hdt_arm *a) { a->joint[1].rotor_kgm2_m = 1; }, "joint.2.motor.rotor_inertia (reflected): expected a number from 0"},
-    {[](hdt_arm *a) { a->joint[1].extra_inertia_kgm2 = -2; }, "joint.2.motor.rotor_inertia (reflected): expected a number from 0"},
-    {[](hdt_arm *a) { a->joint[1].load_mu = 200; }, "joint.2.effect (load_friction).mu: expected a number from"},
-    {[](hdt_arm *a) { a->joint[1].warm_s = 1; a->joint[1].cold_viscous_nmspr = 1e5; },
+    {[](hdt_arm *a) { a->joint[1].moment_kgm[1] = 3000; },
+     "joint.2.link.com: expected a number from"},
+    {[](hdt_arm *a) { a->joint[1].inertia_kgm2[5] = NAN; },
+     "joint.2.link.inertia: expected a number from"},
+    {[](hdt_arm *a) { a->payload_kg = 3000; },
+     "joint.7.link with payload.mass: expected a number from"},
+    {[](hdt_arm *a) { a->joint[1].origin_m[0] = 200; },
+     "joint.2.origin: expected a number from -128 to 128"},
+    {[](hdt_arm *a) { a->joint[1].rotor_kgm2_m = 1; },
+     "joint.2.motor.rotor_inertia (reflected): expected a number from 0"},
+    {[](hdt_arm *a) { a->joint[1].extra_inertia_kgm2 = -2; },
+     "joint.2.motor.rotor_inertia (reflected): expected a number from 0"},
+    {[](hdt_arm *a) { a->joint[1].load_mu = 200; },
+     "joint.2.effect (load_friction).mu: expected a number from"},
+    {[](hdt_arm *a) {
+         a->joint[1].warm_s = 1;
+         a->joint[1].cold_viscous_nmspr = 1e5;
+     },
      "joint.2.effect (temperature).viscous: expected a number from"},
-    {[](hdt_arm *a) { a->joint[1].presliding_nm = 1; a->joint[1].presliding_rad = 1e-9; },
+    {[](hdt_arm *a) {
+         a->joint[1].presliding_nm = 1;
+         a->joint[1].presliding_rad = 1e-9;
+     },
      "joint.2.effect (presliding).travel (1 over it): expected a number from"},
-    {[](hdt_arm *a) { a->joint[1].spring_nmprad = 1e6; }, "joint.2.effect (cable_spring).stiffness: expected a number from"},
-    {[](hdt_arm *a) { a->joint[1].spring_q0_rad = 500; }, "joint.2.effect (cable_spring).rest: expected a number from"},
-    {[](hdt_arm *a) { a->joint[1].torque_offset_nm = -4e4; }, "joint.2.effect (torque_offset).torque: expected a number from"},
-    {[](hdt_arm *a) { a->joint[1].lines = 1; a->joint[1].line[0] = {3e5, 1, 0, 0}; },
-     "joint.2.effect (order_line 1).order: expected above 0 and below 204800 for the tables, found 300000"},
-    {[](hdt_arm *a) { a->joint[1].lines = 1; a->joint[1].line[0] = {3, 1e9, 0, 0}; },
+    {[](hdt_arm *a) { a->joint[1].spring_nmprad = 1e6; },
+     "joint.2.effect (cable_spring).stiffness: expected a number from"},
+    {[](hdt_arm *a) { a->joint[1].spring_q0_rad = 500; },
+     "joint.2.effect (cable_spring).rest: expected a number from"},
+    {[](hdt_arm *a) { a->joint[1].torque_offset_nm = -4e4; },
+     "joint.2.effect (torque_offset).torque: expected a number from"},
+    {[](hdt_arm *a) {
+         a->joint[1].lines = 1;
+         a->joint[1].line[0] = {3e5, 1, 0, 0};
+     },
+     "joint.2.effect (order_line 1).order: expected above 0 and below 204800 for the tables, found "
+     "300000"},
+    {[](hdt_arm *a) {
+         a->joint[1].lines = 1;
+         a->joint[1].line[0] = {3, 1e9, 0, 0};
+     },
      "joint.2.effect (order_line 1).amplitude: expected a number from"},
 };
 
@@ -388,7 +455,8 @@ START_TEST(test_what_does_not_fit_is_refused_by_name)
     r.spoil(arm.get());
     ck_assert_int_eq(hdt_arm_tables(arm.get(), tables.get(), nullptr, err, sizeof err), -1);
     const std::string expected = std::string("model/arms/pa10.toml: ") + r.says;
-    ck_assert_msg(std::strncmp(err, expected.c_str(), expected.size()) == 0, "expected %s\n found %s", expected.c_str(), err);
+    ck_assert_msg(std::strncmp(err, expected.c_str(), expected.size()) == 0,
+                  "expected %s\n found %s", expected.c_str(), err);
     // nothing half made stays behind
     const auto zero = std::make_unique<hdt_tables>();
     ck_assert(std::memcmp(tables.get(), zero.get(), sizeof *zero) == 0);
@@ -404,7 +472,8 @@ START_TEST(test_same_model_same_bytes)
     ck_assert(std::memcmp(a.tables.get(), b.tables.get(), sizeof *a.tables) == 0);
     ck_assert(hdt::tables_c_source(*a.tables, "x") == hdt::tables_c_source(*b.tables, "x"));
     ck_assert(hdt::tables_c_source(*a.tables, "x").find("hdt_tables_x = {") != std::string::npos);
-    ck_assert(hdt::tables_c_source(*a.tables, "x-1 y").find("hdt_tables_x_1_y = {") != std::string::npos);
+    ck_assert(hdt::tables_c_source(*a.tables, "x-1 y").find("hdt_tables_x_1_y = {")
+              != std::string::npos);
 }
 END_TEST
 
@@ -422,8 +491,9 @@ START_TEST(test_c_source_compiles_to_the_bytes_of_the_image)
     ck_assert_int_eq(system(("mkdir -p " + directory).c_str()), 0);
     const std::string source = directory + "/t.c", library = directory + "/t.so";
     std::ofstream(source) << hdt::tables_c_source(*made.tables, "it");
-    const std::string compile = "cc -std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror -I. -shared -fPIC -o "
-                                + library + " " + source;
+    const std::string compile =
+        "cc -std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror -I. -shared -fPIC -o "
+        + library + " " + source;
     ck_assert_int_eq(system(compile.c_str()), 0);
     void *handle = dlopen(library.c_str(), RTLD_NOW);
     ck_assert_msg(handle != nullptr, "%s", dlerror());
@@ -431,7 +501,8 @@ START_TEST(test_c_source_compiles_to_the_bytes_of_the_image)
     ck_assert_ptr_nonnull(compiled);
 
     std::vector<uint8_t> image(hdt_tables_size(made.tables->joints));
-    ck_assert_uint_eq(hdt_tables_write(made.tables.get(), image.data(), image.size()), image.size());
+    ck_assert_uint_eq(hdt_tables_write(made.tables.get(), image.data(), image.size()),
+                      image.size());
     const auto read = std::make_unique<hdt_tables>();
     ck_assert_int_eq(hdt_tables_read(image.data(), image.size(), read.get()), HDT_TABLES_OK);
     ck_assert(std::memcmp(compiled, read.get(), sizeof *read) == 0);
@@ -444,8 +515,8 @@ END_TEST
 
 static int32_t word_at(const std::vector<uint8_t> &image, std::size_t at)
 {
-    return static_cast<int32_t>(image[at] | uint32_t(image[at + 1]) << 8 | uint32_t(image[at + 2]) << 16
-                                | uint32_t(image[at + 3]) << 24);
+    return static_cast<int32_t>(image[at] | uint32_t(image[at + 1]) << 8
+                                | uint32_t(image[at + 2]) << 16 | uint32_t(image[at + 3]) << 24);
 }
 
 START_TEST(test_image_is_laid_out_as_documented)
@@ -465,18 +536,39 @@ START_TEST(test_image_is_laid_out_as_documented)
     const std::size_t joint = 120 + 3440;
     const hdt_joint_tab &tab = t.joint[1];
     const std::pair<std::size_t, int32_t> words[] = {
-        {0, static_cast<int32_t>(tab.terms)}, {12, static_cast<int32_t>(tab.rad_per_count_q44)}, {24, tab.rot_q30[0]},
-        {60, tab.trans_q24[0]}, {72, tab.mass_q20}, {80, tab.moment_q20[1]}, {88, tab.inertia_q20[0]},
-        {116, tab.hold_moment_q20[1]}, {124, tab.rotor_q20}, {128, tab.v_ramp_inv_q16},
-        {132, static_cast<int32_t>(tab.friction_shift)}, {136 + 4 * 129, tab.friction_q16[1][0]},
-        {1164, tab.friction_q16[1][128]}, {3216, tab.stiffness[0].t1_q16}, {3248, tab.stiffness[1].t1_q16},
-        {3276, tab.stiffness[1].slope_q24[2]}, {3280, 2}, {3292, tab.line[0].amplitude_q16}, {3304 + 8, tab.line[1].amplitude_q16},
-        {3364, tab.load_mu_q24}, {3376, tab.cold_decay_q31}, {3384, tab.presliding_inv_q8}, {3396, tab.offset_q16},
-        {3400, tab.kp_q16}, {3408, tab.digit_per_nm_q24}, {3412, tab.dig_max}, {3428, tab.q_max_q24},
+        {0, static_cast<int32_t>(tab.terms)},
+        {12, static_cast<int32_t>(tab.rad_per_count_q44)},
+        {24, tab.rot_q30[0]},
+        {60, tab.trans_q24[0]},
+        {72, tab.mass_q20},
+        {80, tab.moment_q20[1]},
+        {88, tab.inertia_q20[0]},
+        {116, tab.hold_moment_q20[1]},
+        {124, tab.rotor_q20},
+        {128, tab.v_ramp_inv_q16},
+        {132, static_cast<int32_t>(tab.friction_shift)},
+        {136 + 4 * 129, tab.friction_q16[1][0]},
+        {1164, tab.friction_q16[1][128]},
+        {3216, tab.stiffness[0].t1_q16},
+        {3248, tab.stiffness[1].t1_q16},
+        {3276, tab.stiffness[1].slope_q24[2]},
+        {3280, 2},
+        {3292, tab.line[0].amplitude_q16},
+        {3304 + 8, tab.line[1].amplitude_q16},
+        {3364, tab.load_mu_q24},
+        {3376, tab.cold_decay_q31},
+        {3384, tab.presliding_inv_q8},
+        {3396, tab.offset_q16},
+        {3400, tab.kp_q16},
+        {3408, tab.digit_per_nm_q24},
+        {3412, tab.dig_max},
+        {3428, tab.q_max_q24},
         {3436, tab.follow_max_q24}};
     for (const auto &[at, value] : words)
-        ck_assert_msg(word_at(image, joint + at) == value, "offset %zu: %d, not %d", at, word_at(image, joint + at), value);
-    ck_assert_int_eq(static_cast<int16_t>(image[joint + 3214] | image[joint + 3215] << 8), tab.ripple_q8[1023]);
+        ck_assert_msg(word_at(image, joint + at) == value, "offset %zu: %d, not %d", at,
+                      word_at(image, joint + at), value);
+    ck_assert_int_eq(static_cast<int16_t>(image[joint + 3214] | image[joint + 3215] << 8),
+                     tab.ripple_q8[1023]);
 }
 END_TEST
 

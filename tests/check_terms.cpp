@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The declared model in floating point: friction opposes motion, wind-up is continuous, every effect
-// is a term of its own and absent when neutral.
+// The declared model in floating point: friction opposes motion, wind-up is continuous, every
+// effect is a term of its own and absent when neutral.
 //
 // Method: physics and symmetry on random arms; a second implementation where a formula has a choice
 // (wind-up by integrating its slope); printed values of the paper.
@@ -42,14 +42,15 @@ START_TEST(test_stribeck_starts_at_f0_and_ends_on_its_line)
 {
     uint64_t seed = 1;
     for (int round = 0; round < 200; round++) {
-        const hdt_arm_friction f = {test_uniform(&seed, 0, 50), test_uniform(&seed, 0, 50), test_uniform(&seed, -20, 20),
-                                    test_uniform(&seed, 0.01, 0.5)};
+        const hdt_arm_friction f = {test_uniform(&seed, 0, 50), test_uniform(&seed, 0, 50),
+                                    test_uniform(&seed, -20, 20), test_uniform(&seed, 0.01, 0.5)};
         ck_assert_double_eq(hdt::stribeck_nm(f, 0), f.f0_nm);
         // one constant on, the bend has covered 1 - 1/e of itself; far out all of it
         ck_assert_double_eq_tol(hdt::stribeck_nm(f, f.vc_radps),
-                                f.f0_nm + f.fv_nmspr * f.vc_radps + f.fs_nm * 0.6321205588285577, anywhere);
-        ck_assert_double_eq_tol(hdt::stribeck_nm(f, 60 * f.vc_radps), f.f0_nm + f.fv_nmspr * 60 * f.vc_radps + f.fs_nm,
-                                1e-10);
+                                f.f0_nm + f.fv_nmspr * f.vc_radps + f.fs_nm * 0.6321205588285577,
+                                anywhere);
+        ck_assert_double_eq_tol(hdt::stribeck_nm(f, 60 * f.vc_radps),
+                                f.f0_nm + f.fv_nmspr * 60 * f.vc_radps + f.fs_nm, 1e-10);
     }
 }
 END_TEST
@@ -67,8 +68,9 @@ START_TEST(test_friction_of_table_two_has_its_printed_size)
     static const double speed[7] = {0, 0.01, 0.1, 0.4, 0, 0.1, 0.4};
     for (int j = 0; j < 7; j++)
         for (int k = 0; k < 7; k++)
-            ck_assert_double_eq_tol(hdt::stribeck_nm(pa10().joint[j].friction[k < 4 ? 0 : 1], speed[k]), table[j][k],
-                                    0.0051);
+            ck_assert_double_eq_tol(
+                hdt::stribeck_nm(pa10().joint[j].friction[k < 4 ? 0 : 1], speed[k]), table[j][k],
+                0.0051);
 }
 END_TEST
 
@@ -79,7 +81,8 @@ static double integrated(const hdt_arm_stiffness &k, double x)
     const double edge[4] = {-far, k.t1_nm, k.t2_nm, far};
     double y = k.zero_nm;
     for (int i = 0; i < 3; i++) {
-        const double from = std::fmax(edge[i], std::fmin(0, x)), to = std::fmin(edge[i + 1], std::fmax(0, x));
+        const double from = std::fmax(edge[i], std::fmin(0, x)),
+                     to = std::fmin(edge[i + 1], std::fmax(0, x));
         if (to > from)
             y += k.slope[i] * (to - from) * (x < 0 ? -1 : 1);
     }
@@ -158,8 +161,9 @@ START_TEST(test_what_follows_direction_vanishes_at_standstill)
     s.v.setZero();
     s.dir.setZero();
     for (const hdt::TermTorque &term : hdt::arm_terms(arm, s)) {
-        for (const hdt_term t : {HDT_TERM_FRICTION, HDT_TERM_RIPPLE, HDT_TERM_STIFFNESS, HDT_TERM_LOAD,
-                                 HDT_TERM_TEMPERATURE, HDT_TERM_PRESLIDING, HDT_TERM_P, HDT_TERM_D})
+        for (const hdt_term t :
+             {HDT_TERM_FRICTION, HDT_TERM_RIPPLE, HDT_TERM_STIFFNESS, HDT_TERM_LOAD,
+              HDT_TERM_TEMPERATURE, HDT_TERM_PRESLIDING, HDT_TERM_P, HDT_TERM_D})
             ck_assert_double_eq(term[static_cast<std::size_t>(t)], 0);
         ck_assert_double_ne(term[HDT_TERM_LINES], 0); // the conservative line stays
         ck_assert_double_eq(term[HDT_TERM_OFFSET], -0.7);
@@ -179,10 +183,11 @@ START_TEST(test_half_a_direction_is_half_the_torque)
         s.dir *= 0.5;
         const std::vector<hdt::TermTorque> half = hdt::arm_terms(arm, s);
         for (std::size_t j = 0; j < full.size(); j++)
-            for (const hdt_term t : {HDT_TERM_FRICTION, HDT_TERM_RIPPLE, HDT_TERM_STIFFNESS, HDT_TERM_LINES,
-                                     HDT_TERM_LOAD, HDT_TERM_TEMPERATURE, HDT_TERM_PRESLIDING})
-                ck_assert_double_eq_tol(half[j][static_cast<std::size_t>(t)], 0.5 * full[j][static_cast<std::size_t>(t)],
-                                        anywhere);
+            for (const hdt_term t :
+                 {HDT_TERM_FRICTION, HDT_TERM_RIPPLE, HDT_TERM_STIFFNESS, HDT_TERM_LINES,
+                  HDT_TERM_LOAD, HDT_TERM_TEMPERATURE, HDT_TERM_PRESLIDING})
+                ck_assert_double_eq_tol(half[j][static_cast<std::size_t>(t)],
+                                        0.5 * full[j][static_cast<std::size_t>(t)], anywhere);
     }
 }
 END_TEST
@@ -199,7 +204,10 @@ START_TEST(test_a_symmetric_joint_answers_a_mirrored_motion_with_mirrored_torque
         joint.load_mu = 0.03;
         hdt_arm_stiffness &back = joint.stiffness[1];
         const hdt_arm_stiffness &front = joint.stiffness[0];
-        back = {{front.slope[2], front.slope[1], front.slope[0]}, -front.t2_nm, -front.t1_nm, -front.zero_nm};
+        back = {{front.slope[2], front.slope[1], front.slope[0]},
+                -front.t2_nm,
+                -front.t1_nm,
+                -front.zero_nm};
     }
     for (int round = 0; round < 200; round++) {
         hdt::Sample s = random_sample(arm, &seed);
@@ -210,7 +218,8 @@ START_TEST(test_a_symmetric_joint_answers_a_mirrored_motion_with_mirrored_torque
         mirrored.v = -s.v;
         mirrored.a = -s.a;
         mirrored.dir = -s.dir;
-        const std::vector<hdt::TermTorque> one = hdt::arm_terms(arm, s), other = hdt::arm_terms(arm, mirrored);
+        const std::vector<hdt::TermTorque> one = hdt::arm_terms(arm, s),
+                                           other = hdt::arm_terms(arm, mirrored);
         for (const std::size_t j : {1u, 3u, 5u})
             for (std::size_t t = 0; t < HDT_TERMS; t++)
                 ck_assert_double_eq_tol(one[j][t], -other[j][t], 1e-9);
@@ -220,16 +229,39 @@ END_TEST
 
 START_TEST(test_each_effect_is_alone_in_its_term)
 {
-    struct Effect { hdt_term term; void (*add)(hdt_arm_joint *); };
+    struct Effect {
+        hdt_term term;
+        void (*add)(hdt_arm_joint *);
+    };
     static const Effect effects[] = {
         {HDT_TERM_LOAD, [](hdt_arm_joint *j) { j->load_mu = 0.1; }},
-        {HDT_TERM_TEMPERATURE, [](hdt_arm_joint *j) { j->cold_coulomb_nm = 2; j->warm_s = 600; }},
-        {HDT_TERM_TEMPERATURE, [](hdt_arm_joint *j) { j->cold_viscous_nmspr = 2; j->warm_s = 600; }},
-        {HDT_TERM_PRESLIDING, [](hdt_arm_joint *j) { j->presliding_nm = 2; j->presliding_rad = 0.01; }},
-        {HDT_TERM_SPRING, [](hdt_arm_joint *j) { j->spring_nmprad = 5; j->spring_q0_rad = 10; }},
+        {HDT_TERM_TEMPERATURE,
+         [](hdt_arm_joint *j) {
+             j->cold_coulomb_nm = 2;
+             j->warm_s = 600;
+         }},
+        {HDT_TERM_TEMPERATURE,
+         [](hdt_arm_joint *j) {
+             j->cold_viscous_nmspr = 2;
+             j->warm_s = 600;
+         }},
+        {HDT_TERM_PRESLIDING,
+         [](hdt_arm_joint *j) {
+             j->presliding_nm = 2;
+             j->presliding_rad = 0.01;
+         }},
+        {HDT_TERM_SPRING,
+         [](hdt_arm_joint *j) {
+             j->spring_nmprad = 5;
+             j->spring_q0_rad = 10;
+         }},
         {HDT_TERM_OFFSET, [](hdt_arm_joint *j) { j->torque_offset_nm = 1; }},
         {HDT_TERM_INERTIA, [](hdt_arm_joint *j) { j->extra_inertia_kgm2 = 1; }},
-        {HDT_TERM_LINES, [](hdt_arm_joint *j) { j->lines = 1; j->line[0] = {3, 1, 0.1, 0}; }},
+        {HDT_TERM_LINES,
+         [](hdt_arm_joint *j) {
+             j->lines = 1;
+             j->line[0] = {3, 1, 0.1, 0};
+         }},
     };
     uint64_t seed = 7;
     const Effect &effect = effects[_i];
@@ -237,7 +269,8 @@ START_TEST(test_each_effect_is_alone_in_its_term)
     hdt_arm arm = plain;
     effect.add(&arm.joint[1]);
     const hdt::Sample s = random_sample(arm, &seed);
-    const std::vector<hdt::TermTorque> before = hdt::arm_terms(plain, s), after = hdt::arm_terms(arm, s);
+    const std::vector<hdt::TermTorque> before = hdt::arm_terms(plain, s),
+                                       after = hdt::arm_terms(arm, s);
     for (std::size_t j = 0; j < before.size(); j++)
         for (std::size_t t = 0; t < HDT_TERMS; t++)
             if (j == 1 && t == static_cast<std::size_t>(effect.term))
@@ -266,7 +299,8 @@ START_TEST(test_effects_have_the_size_their_numbers_say)
         ck_assert_double_eq_tol(term[HDT_TERM_SPRING], 2 * (0.8 - 0.3), anywhere);
         ck_assert_double_eq_tol(term[HDT_TERM_LOAD], -0.05 * std::fabs(gravity[j]), anywhere);
         ck_assert_double_eq_tol(term[HDT_TERM_GRAVITY], gravity[j], anywhere);
-        ck_assert_double_eq_tol(term[HDT_TERM_LINES], -0.6 * std::sin(100 * 0.8 + 0.2) + 0.5 * std::sin(1.5 * 0.8 - 0.4),
+        ck_assert_double_eq_tol(term[HDT_TERM_LINES],
+                                -0.6 * std::sin(100 * 0.8 + 0.2) + 0.5 * std::sin(1.5 * 0.8 - 0.4),
                                 anywhere);
     }
 }
@@ -288,10 +322,12 @@ START_TEST(test_a_rotor_resists_acceleration_by_ratio_squared)
     // constant speed: nothing but the links' own forces
     const hdt_arm whole = pa10();
     s.a.setZero();
-    const Eigen::VectorXd moving = hdt::rbd::inverse_dynamics(whole, s.q, s.v, s.a) - hdt::rbd::gravity(whole, s.q);
+    const Eigen::VectorXd moving =
+        hdt::rbd::inverse_dynamics(whole, s.q, s.v, s.a) - hdt::rbd::gravity(whole, s.q);
     const std::vector<hdt::TermTorque> steady = hdt::arm_terms(whole, s);
     for (std::size_t j = 0; j < steady.size(); j++)
-        ck_assert_double_eq_tol(steady[j][HDT_TERM_INERTIA], moving[static_cast<Eigen::Index>(j)], anywhere);
+        ck_assert_double_eq_tol(steady[j][HDT_TERM_INERTIA], moving[static_cast<Eigen::Index>(j)],
+                                anywhere);
 }
 END_TEST
 
@@ -301,13 +337,15 @@ START_TEST(test_ripple_repeats_with_the_wave_generator)
     const hdt_arm arm = pa10();
     hdt::Sample s = random_sample(arm, &seed), turned = s;
     turned.q = s.q.array() + 2 * M_PI / 50;
-    const std::vector<hdt::TermTorque> one = hdt::arm_terms(arm, s), other = hdt::arm_terms(arm, turned);
+    const std::vector<hdt::TermTorque> one = hdt::arm_terms(arm, s),
+                                       other = hdt::arm_terms(arm, turned);
     for (std::size_t j = 0; j < one.size(); j++) {
         ck_assert_double_eq_tol(one[j][HDT_TERM_RIPPLE], other[j][HDT_TERM_RIPPLE], 1e-9);
         const hdt_arm_line *r = arm.joint[j].ripple;
         const auto at = static_cast<Eigen::Index>(j);
-        const double expected = r[0].amplitude_nm * std::sin(r[0].order_rev * s.q[at] + r[0].phase_rad)
-                                + r[1].amplitude_nm * std::sin(r[1].order_rev * s.q[at] + r[1].phase_rad);
+        const double expected =
+            r[0].amplitude_nm * std::sin(r[0].order_rev * s.q[at] + r[0].phase_rad)
+            + r[1].amplitude_nm * std::sin(r[1].order_rev * s.q[at] + r[1].phase_rad);
         ck_assert_double_eq_tol(one[j][HDT_TERM_RIPPLE], s.dir[at] * expected, anywhere);
     }
 }
