@@ -258,6 +258,8 @@ std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &
     double v_max = 0;
     for (const BlockRows &b : w.fit)
         v_max = b.size() > 0 ? std::max(v_max, b.v.cwiseAbs().maxCoeff()) : v_max;
+    if (friction.isZero() && arm.joint[w.joint].has_friction)
+        return refused.empty() ? "" : "the model file has no term for " + refused + "; it is not adopted";
     write_friction(out, arm.joint[w.joint], friction, scale * e.friction_sigma, v_max);
     return refused.empty() ? "" : "the model file has no term for " + refused + "; it is not adopted";
 }

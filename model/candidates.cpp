@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 
 namespace hdt {
 
@@ -110,7 +111,9 @@ std::vector<MatrixXd> JointWork::rich_columns() const
         std::vector<MatrixXd> parts;
         Index cols = 0;
         for (const Family &f : families) {
-            const bool smooth = !f.named() || f.id == "payload" || f.id == "inertia" || f.id == "torque_gain"
+            // other joints' angles reach this one through the payload's columns
+            const bool own = f.axis.empty() || f.axis[0] != 'q' || std::atoi(f.axis.c_str() + 1) == joint + 1;
+            const bool smooth = (!f.named() && own) || f.id == "payload" || f.id == "inertia" || f.id == "torque_gain"
                                 || f.id == "base_tilt" || f.id == "viscous_nonlinear" || f.id == "load_friction";
             if (!smooth)
                 continue;
@@ -207,7 +210,8 @@ void JointWork::assess(const Gates &gates)
     floor_nm = std::sqrt(std::max(1e-12, base * base - most / std::max(rows_total, 1.0)));
     gate_nm = std::max(min_rms_nm_, gates.floor_share * floor_nm);
     for (Score &s : scores)
-        s.passes = s.excited && s.plausible && s.p_adjusted <= gates.alpha && s.rms_nm >= gate_nm
+        s.passes = s.excited && s.plausible && s.p_adjusted <= gates.alpha
+                   && s.rms_nm >= gate_nm * (families[s.family].named() ? 1 : gates.unnamed_share)
                    && s.gain.better >= gates.min_runs && 3 * s.gain.better >= 2 * s.gain.informative
                    && s.gain.plain_total > 0;
     stale = false;
@@ -252,19 +256,24 @@ void JointWork::refine(Found *f) const
         f->at.x = locked;
 }
 
-double left_out_rms(const Gram &g)
+double left_out_rms(const Gram &g, Index first)
 {
-    const Index nn = g.nuisances;
+    const Index n = g.nuisances + g.columns, free = n - first;
     double sum = 0, rows = 0;
     for (std::size_t r = 0; r < g.weighted.size(); ++r) {
-        MatrixXd w = MatrixXd::Zero(nn + 1, nn + 1);
-        for (std::size_t s = 0; s < g.weighted.size(); ++s)
-            if (s != r)
+        RunSet use(g.weighted.size(), 1);
+        use[r] = 0;
+        MatrixXd w = MatrixXd::Zero(n + 1, n + 1);
+        for (std::size_t s = 0; s < use.size(); ++s)
+            if (use[s])
                 w += g.weighted[s];
-        MatrixXd a = w.topLeftCorner(nn, nn);
-        a.diagonal().array() += 1e-9 * a.diagonal().maxCoeff() + 1e-12;
-        VectorXd coef(nn + 1);
-        coef << -a.llt().solve(w.col(nn).head(nn)), 1;
+        w.block(g.nuisances, g.nuisances, g.columns, g.columns) += g.prior;
+        MatrixXd a = w.block(first, first, free, free);
+        if (free > 0)
+            a.diagonal().array() += 1e-9 * a.diagonal().maxCoeff() + 1e-12;
+        VectorXd coef = VectorXd::Zero(n + 1);
+        coef.segment(first, free) = -a.llt().solve(w.col(n).segment(first, free));
+        coef[n] = 1;
         sum += coef.dot(g.plain[r] * coef);
         rows += static_cast<double>(g.rows[r]);
     }

@@ -20,6 +20,7 @@ struct Gates {
     double alpha = 0.05;         // false discoveries among everything named
     double min_rms_nm = 0.1;     // smaller effects are not worth a name
     double floor_share = 0.15;   // nor is one far below what runs scatter anyway
+    double unnamed_share = 2;    // a free axis must show this much more than a name
     int min_runs = 3;            // informative runs the effect must help in
 };
 
@@ -76,8 +77,9 @@ private:
     std::vector<Eigen::MatrixXd> rich_columns() const;
 };
 
-// Sum of squares of each run's residual with parameters from the other runs.
-double left_out_rms(const Gram &g);
+// Root mean square of each run's residual with parameters from the other runs.  Nuisance columns
+// before `first` are held at zero.
+double left_out_rms(const Gram &g, Eigen::Index first = 0);
 
 // What to take in next for one joint; empty when nothing passes.
 struct Choice {

@@ -26,6 +26,7 @@ namespace {
 
 constexpr int kEffectsMax = 4;
 constexpr std::size_t kRunsMin = 4;
+constexpr Index kFriction = 4;             // columns of nuisance_columns
 constexpr Index kRowsMin = 400;            // per joint over all fit runs
 constexpr double kPiece_s = 20;
 constexpr double kReversalGuard_s = 0.03;  // velocity estimate and gear wind-up settle within this
@@ -195,16 +196,36 @@ void select(Works &works, const Gates &gates, std::vector<Found> *axes)
     }
 }
 
+// The same fit with the first columns held at zero.
+GlsFit fit_from(const Gram &g, Index first, MatrixXd *cov)
+{
+    Gram part = g;
+    const Index n = g.nuisances + g.columns + 1 - first;
+    part.nuisances -= first;
+    for (auto *list : {&part.weighted, &part.plain})
+        for (MatrixXd &m : *list)
+            m = m.bottomRightCorner(n, n).eval();
+    GlsFit fit = gls_fit(part, RunSet(g.weighted.size(), 1));
+    *cov = run_covariance(part, fit);
+    return fit;
+}
+
 JointEstimate estimate(const JointWork &w, const Found &axis, VectorXd *axis_theta)
 {
     const bool with_axis = !axis.family.id.empty();
     const Gram g = with_axis ? w.gram(axis.family, axis.at) : w.evidence().gram({});
-    const GlsFit fit = gls_fit(g, RunSet(g.weighted.size(), 1));
-    const MatrixXd cov = run_covariance(g, fit);
+    // declared friction stays unless fitting it again helps in runs left out
+    const Index kept = left_out_rms(g, kFriction) <= left_out_rms(g) ? kFriction : 0;
+    MatrixXd cov;
+    const GlsFit fit = fit_from(g, kept, &cov);
     JointEstimate e;
-    e.friction = fit.nuisance.head(4);
-    e.friction_sigma = cov.diagonal().head(4).cwiseMax(0.0).cwiseSqrt();
-    Index at = 4;
+    e.friction = VectorXd::Zero(kFriction);
+    e.friction_sigma = VectorXd::Zero(kFriction);
+    if (kept == 0) {
+        e.friction = fit.nuisance.head(kFriction);
+        e.friction_sigma = cov.diagonal().head(kFriction).cwiseMax(0.0).cwiseSqrt();
+    }
+    Index at = kFriction - kept;
     for (const Found &f : w.found) {
         const Index k = f.chain_theta ? 0 : f.columns(w.fit[0]).cols();
         e.theta.push_back(fit.nuisance.segment(at, k));
@@ -487,7 +508,7 @@ std::string judge(std::size_t runs, const HeldOut &h, bool unnamed, JointDiagnos
 {
     d->verdict = unnamed ? "unnamed" : "named";
     const double fall = 1 - rms(h.after) / std::max(rms(h.before), 1e-12);
-    if (h.after.size() > 0 && (rms(h.after) > rms(h.before) || rms(h.after) > 1.01 * rms(h.refit))) {
+    if (h.after.size() > 0 && rms(h.after) > 1.01 * std::min(rms(h.before), rms(h.refit))) {
         d->verdict = "suspect";
         return text("it does not help on the held-out runs (%.3g -> %.3g N.m)", rms(h.before), rms(h.after));
     }

@@ -81,6 +81,26 @@ ChainColumns chain_columns(const hdt_arm &arm, const Conditioned &c)
     return out;
 }
 
+// Travel since the turning point: from the farthest angle reached in the direction before.  Counting
+// from the first row that moves fast enough would lose the travel up to there.
+VectorXd travel_since_turn(const Conditioned &c, int j)
+{
+    VectorXd out(c.t_s.size());
+    double last = 0, turn = c.q(0, j), reach = turn;
+    for (Index i = 0; i < out.size(); ++i) {
+        const double q = c.q(i, j), dir = c.dir(i, j);
+        if (dir != 0 && dir != last) {
+            if (last != 0)
+                turn = reach;
+            reach = q;
+            last = dir;
+        }
+        reach = last > 0 ? std::max(reach, q) : last < 0 ? std::min(reach, q) : reach;
+        out[i] = std::abs(q - turn);
+    }
+    return out;
+}
+
 MatrixXd take(const MatrixXd &m, const std::vector<Index> &rows)
 {
     MatrixXd out(static_cast<Index>(rows.size()), m.cols());
@@ -338,7 +358,7 @@ std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c)
         const VectorXd total = terms[k].rowwise().sum();
         MatrixXd full(c.t_s.size(), 9);
         full << c.t_s, gain * c.tau.col(j) - total, c.q.col(j), c.v.col(j), c.a.col(j), c.dir.col(j),
-            c.travel.col(j), terms[k].col(HDT_TERM_GRAVITY), total;
+            travel_since_turn(c, j), terms[k].col(HDT_TERM_GRAVITY), total;
         const MatrixXd mean = c.block_means(j, full);
         b.t_s = mean.col(0);
         b.y_nm = mean.col(1);

@@ -93,7 +93,7 @@ Mixed mixed_products(const std::vector<RunRows> &runs, const std::vector<MatrixX
     for (std::size_t r = 0; r < runs.size(); ++r) {
         const MatrixXd xw = whiten(n, runs[r].lags, x[r]), zw = whiten(n, runs[r].lags, runs[r].random);
         const VectorXd yw = whiten(n, runs[r].lags, runs[r].y);
-        m.xx += xw.transpose() * xw;
+        m.xx.selfadjointView<Eigen::Lower>().rankUpdate(xw.transpose());
         m.xy += xw.transpose() * yw;
         m.yy += yw.squaredNorm();
         m.rows += static_cast<double>(yw.size());
@@ -101,6 +101,7 @@ Mixed mixed_products(const std::vector<RunRows> &runs, const std::vector<MatrixX
         m.zz.push_back(zw.transpose() * zw);
         m.zy.push_back(zw.transpose() * yw);
     }
+    m.xx.triangularView<Eigen::StrictlyUpper>() = m.xx.transpose();
     return m;
 }
 
@@ -247,7 +248,7 @@ VectorXd whiten_adjoint(const NoiseModel &n, const std::vector<int> &lags, const
 
 NoiseModel fit_noise(const std::vector<RunRows> &runs, const std::vector<MatrixXd> &rich, int order)
 {
-    constexpr int kOuter = 3, kInner = 12;
+    constexpr int kOuter = 2, kInner = 12;
     const std::vector<MatrixXd> x = joined_fixed(runs, rich);
     NoiseModel n;
     std::vector<VectorXd> e;
@@ -299,8 +300,8 @@ Evidence::Evidence(std::vector<RunRows> runs, NoiseModel noise) : runs_(std::mov
         const Index nz = p.random.cols();
         const MatrixXd d = MatrixXd::Identity(nz, nz) + p.random.transpose() * p.random;
         p.half = Eigen::LLT<MatrixXd>(d).matrixL().solve(MatrixXd::Identity(nz, nz));
-        const MatrixXd zb = p.half * (p.random.transpose() * p.base);
-        p.weighted = p.base.transpose() * p.base - zb.transpose() * zb;
+        p.half_base = p.half * (p.random.transpose() * p.base);
+        p.weighted = p.base.transpose() * p.base - p.half_base.transpose() * p.half_base;
         p.plain = base.transpose() * base;
         prepared_.push_back(std::move(p));
     }
@@ -339,11 +340,10 @@ Gram Evidence::gram(const std::vector<MatrixXd> &x) const
         if (k > 0) {
             const MatrixXd xw = whiten(noise_, runs_[r].lags, x[r]);
             const MatrixXd zx = p.half * (p.random.transpose() * xw);
-            const MatrixXd zb = p.half * (p.random.transpose() * p.base);
             MatrixXd base(runs_[r].y.size(), nn + 1);
             base.leftCols(nn) = runs_[r].fixed;
             base.col(nn) = runs_[r].y;
-            place(w, p.weighted, p.base.transpose() * xw - zb.transpose() * zx,
+            place(w, p.weighted, p.base.transpose() * xw - p.half_base.transpose() * zx,
                   xw.transpose() * xw - zx.transpose() * zx);
             place(plain, p.plain, base.transpose() * x[r], x[r].transpose() * x[r]);
             ss += x[r].colwise().squaredNorm().transpose();

@@ -73,7 +73,7 @@ public:
 private:
     std::vector<RunRows> runs_;
     NoiseModel noise_;
-    struct Prepared { Eigen::MatrixXd base, random, half; Eigen::MatrixXd weighted, plain; };
+    struct Prepared { Eigen::MatrixXd base, random, half, half_base, weighted, plain; };
     std::vector<Prepared> prepared_;
     double rms_nm_ = 0;
 };

@@ -1,0 +1,332 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Diagnosis: nothing hidden gives nothing; each effect hidden in a two-joint arm of textbook formulas
+// (planar_arm.hpp, no code shared) is named, sized and helps on runs it was not fitted on.
+#include "tests/check_main.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <string>
+
+#include <nlohmann/json.hpp>
+#include <unistd.h>
+
+#include "model/diagnose.hpp"
+#include "tests/planar_arm.hpp"
+
+using namespace hdt;
+using planar::Hidden;
+using planar::Noise;
+
+namespace {
+
+const ArmFile &arm()
+{
+    static const ArmFile file = ArmFile::parse(planar::arm_text(), "planar.toml");
+    return file;
+}
+
+Diagnosis run_diagnosis(const Hidden &hidden, const Noise &noise, unsigned long seed, int fit_runs = 6, double seconds = 30)
+{
+    std::vector<Run> fit, test;
+    for (int i = 0; i < fit_runs + 2; ++i)
+        (i < fit_runs ? fit : test).push_back(planar::make_run(hidden, noise, 1000 * seed + static_cast<unsigned long>(i), seconds));
+    return diagnose(arm(), fit, test, {});
+}
+
+bool has(const std::vector<std::string> &list, const std::string &what)
+{
+    return std::find(list.begin(), list.end(), what) != list.end();
+}
+
+const EffectParameter *parameter(const JointDiagnosis &j, const std::string &id, const std::string &name)
+{
+    for (const Effect &e : j.effects)
+        for (const EffectParameter &p : e.parameters)
+            if (e.id == id && p.name == name)
+                return &p;
+    return nullptr;
+}
+
+struct Truth { const char *id; Hidden hidden; const char *parameter; double value; int size_tolerance_sigma; };
+
+std::vector<Truth> truths()
+{
+    std::vector<Truth> t;
+    Hidden h;
+    h.payload_kg = 0.5;
+    t.push_back({"payload", h, "mass_kg", 0.5, 3});
+    h = {};
+    h.load_mu = 0.06;
+    t.push_back({"load_friction", h, "mu", 0.06, 3});
+    h = {};
+    h.cold = 0.08;
+    t.push_back({"temperature", h, "time_constant_s", 25, 3});
+    h = {};
+    h.line_nm = 0.9;
+    h.line_directed = true;
+    t.push_back({"order_line", h, "amplitude_nm", 0.9, 3});
+    h = {};
+    h.inertia_kgm2 = 4;
+    t.push_back({"inertia", h, "inertia_kgm2", 4, 4});
+    h = {};
+    h.presliding_nm = 8;
+    t.push_back({"presliding", h, "torque_nm", 8, 4});
+    h = {};
+    h.gain = 0.05;
+    t.push_back({"torque_gain", h, "gain", 1.05, 3});
+    h = {};
+    h.spring = 1.1;
+    t.push_back({"cable_spring", h, "stiffness_nmprad", 1.1, 3});
+    return t;
+}
+
+std::string slurp(const std::string &path)
+{
+    std::ifstream in(path, std::ios::binary);
+    return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}
+
+} // namespace
+
+// Twelve seeds for each kind of noise, two joints each: at most alpha of them may be named.
+START_TEST(test_nothing_hidden_is_nothing_named)
+{
+    Noise kinds[5];
+    kinds[1].coloured = 0.6;
+    kinds[1].phi = 0.98;
+    kinds[2].run_coulomb = 0.8;
+    kinds[2].run_viscous = 0.03;
+    kinds[3].wander = 0.4;
+    kinds[4].fat = 0.05;
+    kinds[4].windup_nmprad = 30000;
+    int named = 0;
+    for (unsigned long seed = 1; seed <= 12; ++seed) {
+        const Diagnosis d = run_diagnosis({}, kinds[_i], 50 * static_cast<unsigned long>(_i) + seed, 5, 20);
+        ck_assert_uint_eq(d.joints.size(), 2);
+        for (const JointDiagnosis &j : d.joints) {
+            if (j.verdict != "nothing")
+                printf("noise %d seed %lu joint %d: %s\n", _i, seed, j.joint, j.words.c_str());
+            named += j.verdict == "named" || j.verdict == "unnamed";
+            if (j.verdict == "nothing") {
+                ck_assert_uint_gt(j.detection_limit_nm.size(), 8);
+                ck_assert_double_eq(j.rms_after_nm, j.rms_before_nm);
+                ck_assert(j.effects.empty());
+            }
+        }
+    }
+    // expected 0.05 * 24 = 1.2
+    ck_assert_int_le(named, 2);
+}
+END_TEST
+
+// Each effect at about the size of the noise: right name first or in the printed set, no wrong name,
+// size within sigma, held-out error near the floor.
+START_TEST(test_effect_hidden_is_effect_named)
+{
+    const Truth t = truths()[static_cast<std::size_t>(_i)];
+    const int seeds = 5;
+    int in_set = 0, first = 0, wrong = 0;
+    std::vector<double> off;
+    for (unsigned long seed = 1; seed <= seeds; ++seed) {
+        Hidden h = t.hidden;
+        h.line_phase = 1.3 * static_cast<double>(seed);
+        const Diagnosis d = run_diagnosis(h, {}, 500 + 10 * static_cast<unsigned long>(_i) + seed);
+        const JointDiagnosis &j = d.joints[0];
+        const bool is_first = !j.effects.empty() && j.effects[0].id == t.id && j.verdict == "named";
+        first += is_first;
+        in_set += is_first || has(j.ambiguous_with, t.id);
+        wrong += j.verdict == "named" && !is_first && !has(j.ambiguous_with, t.id);
+        if (!is_first)
+            printf("%s seed %lu: %s %s\n", t.id, seed, j.verdict.c_str(), j.words.c_str());
+        if (!is_first)
+            continue;
+        ck_assert_double_lt(j.rms_after_nm, j.rms_before_nm);
+        ck_assert(j.effects[0].adopted);
+        if (const EffectParameter *p = parameter(j, t.id, t.parameter))
+            off.push_back(std::abs(p->value - t.value) / p->sigma);
+        if (std::string(t.id) != "payload")
+            ck_assert_str_eq(d.joints[1].verdict.c_str(), "nothing");
+    }
+    ck_assert_int_eq(wrong, 0);
+    ck_assert_int_ge(in_set, seeds);
+    ck_assert_int_ge(first, seeds - 1);
+    std::sort(off.begin(), off.end());
+    ck_assert_msg(off[off.size() / 2] < t.size_tolerance_sigma, "%s: %g sigma off", t.id, off[off.size() / 2]);
+}
+END_TEST
+
+START_TEST(test_adopted_model_leaves_nothing_on_fresh_runs)
+{
+    for (const Truth &t : truths()) {
+        const Diagnosis d = run_diagnosis(t.hidden, {}, 900);
+        std::vector<Run> fit, test;
+        for (unsigned long i = 0; i < 7; ++i)
+            (i < 5 ? fit : test).push_back(planar::make_run(t.hidden, {}, 77000 + i, 20));
+        const Diagnosis again = diagnose(d.model, fit, test, {});
+        for (const JointDiagnosis &j : again.joints)
+            ck_assert_msg(j.verdict == "nothing" || j.effects[0].rms_nm < 0.25, "%s: joint %d: %s", t.id, j.joint, j.words.c_str());
+    }
+}
+END_TEST
+
+START_TEST(test_what_no_name_explains_is_localised)
+{
+    Hidden h;
+    h.dry_spot_nm = 4;
+    for (unsigned long seed = 1; seed <= 3; ++seed) {
+        const Diagnosis d = run_diagnosis(h, {}, 700 + seed);
+        const JointDiagnosis &j = d.joints[0];
+        ck_assert_str_eq(j.verdict.c_str(), "unnamed");
+        const Effect &e = j.effects.back();
+        ck_assert_str_eq(e.axis.c_str(), "q1,direction");
+        ck_assert_uint_eq(e.table_x.size(), e.table_nm.size());
+        // the bump is where it was hidden
+        const auto top = std::max_element(e.table_nm.begin(), e.table_nm.end()) - e.table_nm.begin();
+        ck_assert_double_lt(std::abs(e.table_x[static_cast<std::size_t>(top)] - 0.3), 0.35);
+        ck_assert_double_lt(j.rms_after_nm, 0.85 * j.rms_before_nm);
+        ck_assert(!e.adopted);
+    }
+}
+END_TEST
+
+START_TEST(test_too_few_runs_refuse_to_name)
+{
+    Hidden h;
+    h.line_nm = 0.25;
+    const Diagnosis d = run_diagnosis(h, {}, 31, 3, 40);
+    ck_assert_str_ne(d.joints[0].verdict.c_str(), "named");
+    ck_assert(d.joints[0].words.find("independent run") != std::string::npos);
+    ck_assert(!d.model.has("joint.1.effect"));
+}
+END_TEST
+
+START_TEST(test_pieces_of_one_recording_are_one_run)
+{
+    Hidden h;
+    h.line_nm = 0.25;
+    const Run whole = planar::make_run(h, {}, 5, 120);
+    std::vector<Run> fit, test = {cut_run(whole, 100, 120)};
+    for (int k = 0; k < 5; ++k)
+        fit.push_back(cut_run(whole, 20.0 * k, 20.0 * (k + 1)));
+    const Diagnosis d = diagnose(arm(), fit, test, {});
+    ck_assert(d.joints[0].words.find("Only 1 independent run") != std::string::npos);
+    ck_assert_str_ne(d.joints[0].verdict.c_str(), "named");
+}
+END_TEST
+
+START_TEST(test_same_logs_same_answer)
+{
+    Hidden h;
+    h.payload_kg = 0.4;
+    const Diagnosis a = run_diagnosis(h, {}, 3), b = run_diagnosis(h, {}, 3);
+    ck_assert(a.model.text() == b.model.text());
+    for (std::size_t j = 0; j < a.joints.size(); ++j) {
+        ck_assert(a.joints[j].words == b.joints[j].words);
+        ck_assert(a.joints[j].rms_after_nm == b.joints[j].rms_after_nm);
+    }
+}
+END_TEST
+
+START_TEST(test_files_keep_the_contract)
+{
+    char dir[] = "/tmp/check_diagnoseXXXXXX";
+    ck_assert_ptr_nonnull(mkdtemp(dir));
+    Hidden h;
+    h.payload_kg = 0.6;
+    const Diagnosis d = run_diagnosis(h, {}, 8);
+    write_diagnosis(d, dir);
+    const auto j = nlohmann::json::parse(slurp(std::string(dir) + "/diagnosis.json"));
+    ck_assert(j.at("format") == "hdt-diagnosis");
+    ck_assert(j.at("version") == 1);
+    for (const auto &one : j.at("joints")) {
+        ck_assert(one.at("joint").is_number_integer());
+        const std::string verdict = one.at("verdict");
+        ck_assert(verdict == "named" || verdict == "unnamed" || verdict == "suspect" || verdict == "nothing");
+        for (const char *key : {"noise_floor_nm", "rms_before_nm", "rms_after_nm"})
+            ck_assert(one.at(key).is_number() && one.at(key) > 0);
+        ck_assert(one.at("ambiguous_with").is_array());
+        ck_assert(one.at("next_experiment").is_string());
+        for (const auto &e : one.at("effects")) {
+            ck_assert(e.at("id") == "payload");
+            ck_assert(e.at("depends_on").is_array() && !e.at("depends_on").empty());
+            ck_assert(e.at("rms_nm") > 0);
+            ck_assert(e.at("p_adjusted") <= 0.05);
+            ck_assert(e.at("params").at("mass_kg").at("value").is_number());
+            ck_assert(e.at("params").at("mass_kg").at("sigma") > 0);
+        }
+    }
+    ck_assert(!j.at("joints")[0].at("effects").empty());
+    const ArmFile back = ArmFile::load(std::string(dir) + "/model.toml");
+    ck_assert_double_eq_tol(back.arm().payload_kg, 0.6, 0.1);
+    const std::string html = slurp(std::string(dir) + "/report.html");
+    ck_assert(html.find("<svg") != std::string::npos);
+    ck_assert(html.find("payload") != std::string::npos);
+    ck_assert_int_eq(std::system((std::string("rm -r ") + dir).c_str()), 0);
+}
+END_TEST
+
+START_TEST(test_bad_requests_name_what_is_wrong)
+{
+    const std::vector<Run> run = {planar::make_run({}, {}, 1, 10)};
+    DiagnoseOptions options;
+    const auto refuses = [&](const std::vector<Run> &fit, const std::vector<Run> &test, const char *word) {
+        try {
+            (void)diagnose(arm(), fit, test, options);
+        } catch (const InputError &e) {
+            return std::string(e.what()).find(word) != std::string::npos;
+        }
+        return false;
+    };
+    ck_assert(refuses({}, run, "at least one run"));
+    ck_assert(refuses(run, {}, "at least one run"));
+    ck_assert(refuses(run, run, "must not be fitted"));
+    options.joints = {3};
+    std::vector<Run> other = {planar::make_run({}, {}, 2, 10)};
+    ck_assert(refuses(run, other, "joint 3"));
+}
+END_TEST
+
+START_TEST(test_joint_that_stands_still_is_left_out)
+{
+    std::vector<Run> runs = planar::make_runs({}, {}, 4, 6);
+    for (Run &r : runs)
+        std::fill(r.joint[1].q_rad.begin(), r.joint[1].q_rad.end(), 0.2);
+    const Diagnosis d = diagnose(arm(), {runs.begin(), runs.begin() + 4}, {runs.begin() + 4, runs.end()}, {});
+    ck_assert_uint_eq(d.joints.size(), 1);
+    ck_assert_int_eq(d.joints[0].joint, 1);
+    ck_assert_uint_eq(d.skipped.size(), 1);
+    ck_assert_int_eq(d.skipped[0].first, 2);
+}
+END_TEST
+
+static Suite *diagnose_suite(void)
+{
+    Suite *s = suite_create("diagnose");
+    TCase *null = tcase_create("null");
+    tcase_set_timeout(null, 300);
+    tcase_add_loop_test(null, test_nothing_hidden_is_nothing_named, 0, 5);
+    suite_add_tcase(s, null);
+    TCase *effects = tcase_create("effects");
+    tcase_set_timeout(effects, 300);
+    tcase_add_loop_test(effects, test_effect_hidden_is_effect_named, 0, 8);
+    tcase_add_test(effects, test_adopted_model_leaves_nothing_on_fresh_runs);
+    tcase_add_test(effects, test_what_no_name_explains_is_localised);
+    suite_add_tcase(s, effects);
+    TCase *rules = tcase_create("rules");
+    tcase_set_timeout(rules, 120);
+    tcase_add_test(rules, test_too_few_runs_refuse_to_name);
+    tcase_add_test(rules, test_pieces_of_one_recording_are_one_run);
+    tcase_add_test(rules, test_same_logs_same_answer);
+    tcase_add_test(rules, test_files_keep_the_contract);
+    tcase_add_test(rules, test_bad_requests_name_what_is_wrong);
+    tcase_add_test(rules, test_joint_that_stands_still_is_left_out);
+    suite_add_tcase(s, rules);
+    return s;
+}
+
+HDT_CHECK_MAIN(diagnose_suite())
