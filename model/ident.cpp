@@ -362,23 +362,42 @@ void settle(const hdt_arm &arm, Fit *f)
     estimate_sigma(&f->problem);
 }
 
-// Declared soft wind-up that could be fitted, yet explains nothing: taken out.  Judged by the error
-// with and without, since its slope and the gravity scale are told apart by other joints only.
+// All joints' errors as one number: a term of one joint can push its error into the others through
+// the gravity scale.
+double log_rms(const Problem &p)
+{
+    double sum = 0;
+    for (const JointFitState &j : p.joint)
+        sum += std::log(std::max(1e-9, j.rms));
+    return sum;
+}
+
+// Declared soft wind-up the data refute is taken out.  Judged by the error with and without, since
+// its slope and the gravity scale are told apart by other joints only.  Where loads span the lines
+// the term must earn its place; where they do not, it goes only if it does harm.
 bool drop_stiffness(const hdt_arm &arm, Fit *f)
 {
     bool dropped = false;
     for (std::size_t k = 0; k < f->problem.joint.size(); k++) {
-        JointFitState &j = f->problem.joint[k];
-        if (!j.model.free_stiffness[0] && !j.model.free_stiffness[1])
+        const JointModel &now = f->problem.joint[k].model;
+        if (!now.has_stiffness)
             continue;
-        Fit without = *f;
-        JointModel &m = without.problem.joint[k].model;
-        m.has_stiffness = m.free_stiffness[0] = m.free_stiffness[1] = false;
-        iterate(arm, &without);
-        if (without.problem.joint[k].rms > worth_rms * j.rms)
+        bool fitted = now.free_stiffness[0] || now.free_stiffness[1];
+        // both with all else free again
+        Fit with = *f, without = *f;
+        without.prior[k].has_stiffness = false;
+        for (Fit *one : {&with, &without}) {
+            JointFitState &j = one->problem.joint[k];
+            j.model = one->prior[k];
+            set_free(arm.joint[j.rows.joint], &j);
+            iterate(arm, one);
+        }
+        double gain = log_rms(with.problem) - log_rms(without.problem);
+        if (gain < (fitted ? -std::log(worth_rms) : std::log(worth_rms)))
             continue;
         *f = without;
-        f->notes.push_back(joint_name(j.rows.joint) + ": the soft wind-up the file declares is not in the data; taken out");
+        f->notes.push_back(joint_name(f->problem.joint[k].rows.joint)
+                           + ": the soft wind-up the file declares is not in the data; taken out");
         dropped = true;
     }
     return dropped;

@@ -462,6 +462,18 @@ static const char *const stiffness_text =
     "stiffness.negative.t2 = { value = 20, unit = \"N m\", sigma = 0, source = \"TEST\", side = \"output\" }\n"
     "stiffness.negative.zero = { value = 0, unit = \"N m\", sigma = 0, source = \"TEST\", side = \"output\" }\n";
 
+// Outer lines 0.1 as in the file.
+static void add_windup(const Truth &t, double slope, std::vector<Run> *runs)
+{
+    for (Run &run : *runs)
+        for (std::size_t i = 0; i < run.rows(); i++) {
+            double q[2] = {run.joint[0].q_rad[i], run.joint[1].q_rad[i]}, zero[2] = {0, 0}, load[2];
+            rigid(t, q, zero, zero, load);
+            double x = load[0];
+            run.joint[0].tau_nm[i] += x < 12 ? 0.1 * x : x < 20 ? 1.2 + slope * (x - 12) : 1.2 + slope * 8 + 0.1 * (x - 20);
+        }
+}
+
 START_TEST(test_stiffness_lines_are_fitted_where_loads_span_them_and_dropped_where_refuted)
 {
     Truth t;
@@ -469,14 +481,8 @@ START_TEST(test_stiffness_lines_are_fitted_where_loads_span_them_and_dropped_whe
     spec.friction_share = 1;
     spec.more[0] = stiffness_text;
     std::vector<Run> runs = make_runs(t, 60, 8), with = runs;
-    double slope = 1.6; // of the middle line, against 1.0 in the file; outer lines 0.1 as in the file
-    for (Run &run : with)
-        for (std::size_t i = 0; i < run.rows(); i++) {
-            double q[2] = {run.joint[0].q_rad[i], run.joint[1].q_rad[i]}, zero[2] = {0, 0}, load[2];
-            rigid(t, q, zero, zero, load);
-            double x = load[0];
-            run.joint[0].tau_nm[i] += x < 12 ? 0.1 * x : x < 20 ? 1.2 + slope * (x - 12) : 1.2 + slope * 8 + 0.1 * (x - 20);
-        }
+    double slope = 1.6; // of the middle line, against 1.0 in the file
+    add_windup(t, slope, &with);
     IdentResult r = hdt::identify(make_arm(t, spec), with, {}, {});
     for (const char *way : {"positive", "negative"}) {
         const hdt::FitParameter *p = find(r, std::string("joint.1.stiffness.") + way + ".slope.2");
@@ -493,9 +499,29 @@ START_TEST(test_stiffness_lines_are_fitted_where_loads_span_them_and_dropped_whe
     // loads that stay on one line cannot tell
     RunSpec little;
     little.swing = 0.1;
-    r = hdt::identify(make_arm(t, spec), make_runs(t, 61, 8, little), {}, {});
+    std::vector<Run> narrow = make_runs(t, 61, 8, little);
+    add_windup(t, 1.0, &narrow);
+    r = hdt::identify(make_arm(t, spec), narrow, {}, {});
     ck_assert(r.model.arm().joint[0].has_stiffness);
     ck_assert(!find(r, "joint.1.stiffness.positive.slope.2")->excited);
+}
+END_TEST
+
+START_TEST(test_stiffness_that_does_harm_is_taken_out_though_loads_stay_on_one_line)
+{
+    Truth t;
+    FileSpec spec;
+    std::string far = stiffness_text; // every load lies on the steep middle line
+    for (const auto &[from, to] : {std::pair<std::string, std::string>{"t1 = { value = 12", "t1 = { value = -90"},
+                                   {"t2 = { value = 20", "t2 = { value = 90"}})
+        for (std::size_t at = far.find(from); at != std::string::npos; at = far.find(from))
+            far.replace(at, from.size(), to);
+    spec.more[0] = far.c_str();
+    IdentResult r = hdt::identify(make_arm(t, spec), make_runs(t, 62, 6), {}, {});
+    ck_assert(!r.model.arm().joint[0].has_stiffness);
+    ck_assert_double_lt(r.joints[0].rms_after_nm, 1.2 * floor_nm(t, 200));
+    const hdt::FitParameter *scale = find(r, "gravity_scale");
+    ck_assert_double_lt(std::fabs(scale->value - 1), 4 * scale->sigma);
 }
 END_TEST
 
@@ -634,6 +660,7 @@ static Suite *ident_suite(void)
     tcase_add_test(honest, test_what_the_motion_does_not_excite_is_kept);
     tcase_add_test(honest, test_a_term_that_is_not_there_is_not_invented);
     tcase_add_test(honest, test_stiffness_lines_are_fitted_where_loads_span_them_and_dropped_where_refuted);
+    tcase_add_test(honest, test_stiffness_that_does_harm_is_taken_out_though_loads_stay_on_one_line);
     tcase_add_test(honest, test_friction_is_never_negative);
     suite_add_tcase(s, honest);
     TCase *use = tcase_create("use");
