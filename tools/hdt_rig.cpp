@@ -223,8 +223,8 @@ void fill_joint(plant_joint &p, const hdt_arm_joint &a)
     std::copy(std::begin(a.t_nm), std::end(a.t_nm), p.t_nm);
     p.rotor_kgm2_m = a.rotor_kgm2_m + a.wave_generator_kgm2_m;
     p.tau_max_m_nm = a.tau_max_m_nm > 0 ? a.tau_max_m_nm : a.tau_rated_m_nm;
-    // 5 % of critical against the rotor alone: lightly damped, as a strain-wave gear is
-    p.damping_nmspr = 0.1 * std::sqrt(p.k_nmprad[0] * p.rotor_kgm2_m * p.ratio * p.ratio);
+    // 15 % of critical against the rotor alone, which leaves the link's own mode 5 to 10 %
+    p.damping_nmspr = 0.3 * std::sqrt(p.k_nmprad[0] * p.rotor_kgm2_m * p.ratio * p.ratio);
     for (int d = 0; d < 2; d++)
         p.friction[d] = {a.friction[d].f0_nm, a.friction[d].fv_nmspr, a.friction[d].fs_nm, a.friction[d].vc_radps};
     for (int i = 0; i < a.ripples && p.lines < PLANT_LINES_MAX; i++)
