@@ -18,7 +18,7 @@ namespace {
 
 constexpr int kArOrder = 4;
 constexpr double kWander_s = 10;
-constexpr std::size_t kSplits = 16, kPeaks = 6;
+constexpr std::size_t kSplits = 16, kPeaks = 5, kPlainPeaks = 3;
 constexpr double kHighestOrder = 600;
 constexpr double kTie_nats = 5, kTieShare = 0.95, kAdequate = 0.9;
 
@@ -61,7 +61,7 @@ bool is_excited(const Gram &g, const Projected &p)
 } // namespace
 
 JointWork::JointWork(const hdt_arm &arm, int j, std::vector<BlockRows> fit_rows, std::vector<BlockRows> test_rows)
-    : joint(j), fit(std::move(fit_rows)), test(std::move(test_rows)), ratio_(arm.joint[j].ratio),
+    : joint(j), fit(std::move(fit_rows)), test(std::move(test_rows)), arm_joint_(arm.joint[j]),
       min_rms_nm_(0.002 * arm.joint[j].ratio) // two digits of motor torque
 {
     families = effect_families(arm, j, fit);
@@ -78,7 +78,9 @@ VectorXd JointWork::target(const BlockRows &b) const
 
 MatrixXd JointWork::fixed(const BlockRows &b) const
 {
-    MatrixXd m = nuisance_columns(b);
+    const MatrixXd friction = nuisance_columns(b), healthy = imperfections(arm_joint_, b).columns;
+    MatrixXd m(b.size(), friction.cols() + healthy.cols());
+    m << friction, healthy;
     for (const Found &f : found) {
         if (f.chain_theta)
             continue;
@@ -131,6 +133,36 @@ std::vector<MatrixXd> JointWork::rich_columns() const
     return out;
 }
 
+// The strongest lines of an ordinary least-squares residual.
+std::vector<LineHit> JointWork::plain_lines(const std::vector<RunRows> &rows, const std::vector<MatrixXd> &rich,
+                                            const OrderGrid &grid) const
+{
+    const Index nf = rows[0].fixed.cols(), n = nf + rich[0].cols();
+    MatrixXd a = MatrixXd::Zero(n, n);
+    VectorXd b = VectorXd::Zero(n);
+    std::vector<MatrixXd> x;
+    for (std::size_t r = 0; r < rows.size(); ++r) {
+        MatrixXd m(rows[r].y.size(), n);
+        m << rows[r].fixed, rich[r];
+        a.selfadjointView<Eigen::Lower>().rankUpdate(m.transpose());
+        b += m.transpose() * rows[r].y;
+        x.push_back(std::move(m));
+    }
+    // columns differ in size by orders of magnitude
+    const VectorXd scale = a.diagonal().cwiseMax(1e-12).cwiseSqrt().cwiseInverse();
+    a.triangularView<Eigen::StrictlyUpper>() = a.transpose();
+    a = (scale.asDiagonal() * a * scale.asDiagonal()).eval();
+    a.diagonal().array() += 1e-8;
+    const VectorXd beta = scale.asDiagonal() * a.llt().solve(scale.asDiagonal() * b);
+    NoiseModel white;
+    white.predictor = {VectorXd(0)};
+    white.innovation_nm = {1};
+    std::vector<VectorXd> e;
+    for (std::size_t r = 0; r < rows.size(); ++r)
+        e.push_back(rows[r].y - x[r] * beta);
+    return scan_peaks(scan_orders(scan_rows(fit), e, white, grid), kPlainPeaks);
+}
+
 void JointWork::weigh(std::size_t index, const std::vector<RunSet> &splits)
 {
     const Family &f = families[index];
@@ -171,6 +203,28 @@ void JointWork::weigh(std::size_t index, const std::vector<RunSet> &splits)
     scores[index] = std::move(s);
 }
 
+// What the effects already found do on the fit runs.
+double JointWork::found_rms() const
+{
+    if (found.empty())
+        return 0;
+    const Gram g = evidence_->gram({});
+    const VectorXd coef = gls_fit(g, all_runs(fit.size())).nuisance;
+    double sum = 0, rows = 0;
+    for (const BlockRows &b : fit) {
+        VectorXd y = VectorXd::Zero(b.size());
+        Index at = nuisance_columns(b).cols() + imperfection_columns();
+        for (const Found &f : found) {
+            const MatrixXd x = f.columns(b);
+            y += x * (f.chain_theta ? *f.chain_theta : VectorXd(coef.segment(at, x.cols())));
+            at += f.chain_theta ? 0 : x.cols();
+        }
+        sum += y.squaredNorm();
+        rows += static_cast<double>(y.size());
+    }
+    return std::sqrt(sum / std::max(rows, 1.0));
+}
+
 void JointWork::assess(const Gates &gates)
 {
     if (!families.empty() && families.back().id == "order_line")
@@ -180,15 +234,33 @@ void JointWork::assess(const Gates &gates)
         RunRows r;
         r.y = target(b);
         r.fixed = fixed(b);
+        const VectorXd sigma = imperfections(arm_joint_, b).sigma;
+        r.prior = VectorXd::Zero(r.fixed.cols());
+        r.prior.segment(nuisance_columns(b).cols(), sigma.size()) = sigma.cwiseAbs2().cwiseInverse();
         r.lags = unbroken(b.block);
         set_random_effects(r, b.t_s, b.dir, b.v, kWander_s);
         rows.push_back(std::move(r));
     }
-    NoiseModel noise = fit_noise(rows, rich_columns(), kArOrder);
-    evidence_ = std::make_unique<Evidence>(std::move(rows), std::move(noise));
     const std::vector<ScanRows> sr = scan_rows(fit);
-    scan = scan_orders(sr, evidence_->score(), evidence_->noise(), order_grid(sr, kHighestOrder));
-    families.push_back(line_family(joint, scan_peaks(scan, kPeaks), 2 * static_cast<double>(scan.grid.count())));
+    const OrderGrid grid = order_grid(sr, kHighestOrder);
+    std::vector<MatrixXd> rich = rich_columns();
+    // a line moves through the spectrum with speed: left in, it would pass for coloured noise
+    std::vector<LineHit> hits = plain_lines(rows, rich, grid);
+    for (const LineHit &h : hits)
+        for (double side : {-0.25, 0.25})
+            for (std::size_t r = 0; r < fit.size(); ++r) {
+                rich[r].conservativeResize(Eigen::NoChange, rich[r].cols() + 2);
+                rich[r].rightCols(2) = line_columns(sr[r], h.order + side * grid.step, h.directed);
+            }
+    NoiseModel noise = fit_noise(rows, rich, kArOrder);
+    evidence_ = std::make_unique<Evidence>(std::move(rows), std::move(noise));
+    scan = scan_orders(sr, evidence_->score(), evidence_->noise(), grid);
+    for (const LineHit &h : scan_peaks(scan, kPeaks)) {
+        const auto same = [&](const LineHit &k) { return k.order == h.order && k.directed == h.directed; };
+        if (std::none_of(hits.begin(), hits.end(), same))
+            hits.push_back(h);
+    }
+    families.push_back(line_family(joint, hits, 2 * static_cast<double>(grid.count())));
 
     const std::vector<RunSet> splits = balanced_splits(fit.size(), kSplits);
     scores.assign(families.size(), {});
@@ -208,10 +280,10 @@ void JointWork::assess(const Gates &gates)
             most = std::max(most, scores[k].gain.plain_total);
     }
     floor_nm = std::sqrt(std::max(1e-12, base * base - most / std::max(rows_total, 1.0)));
-    gate_nm = std::max(min_rms_nm_, gates.floor_share * floor_nm);
+    gate_nm = std::max({min_rms_nm_, gates.floor_share * floor_nm, gates.remnant_share * found_rms()});
     for (Score &s : scores)
         s.passes = s.excited && s.plausible && s.p_adjusted <= gates.alpha
-                   && s.rms_nm >= gate_nm * (families[s.family].named() ? 1 : gates.unnamed_share)
+                   && s.rms_nm >= gate_nm * (families[s.family].adoptable() ? 1 : gates.loose_share)
                    && s.gain.better >= gates.min_runs && 3 * s.gain.better >= 2 * s.gain.informative
                    && s.gain.plain_total > 0;
     stale = false;
@@ -250,7 +322,7 @@ void JointWork::refine(Found *f) const
     f->x_sigma = curve < 0 ? 1 / std::sqrt(-curve) : std::abs(line ? scan.grid.step : x);
     f->at.x = x;
     // a line of the gear is locked to the wave generator
-    const double locked = std::round(x / ratio_) * ratio_;
+    const double locked = std::round(x / arm_joint_.ratio) * arm_joint_.ratio;
     if (line && locked > 0 && std::abs(locked - x) < std::max(3 * f->x_sigma, 0.02 * scan.grid.step)
         && llr(locked) > best - kTie_nats)
         f->at.x = locked;

@@ -20,7 +20,8 @@ struct Gates {
     double alpha = 0.05;         // false discoveries among everything named
     double min_rms_nm = 0.1;     // smaller effects are not worth a name
     double floor_share = 0.15;   // nor is one far below what runs scatter anyway
-    double unnamed_share = 2;    // a free axis must show this much more than a name
+    double loose_share = 2;      // what the model file has no term for must show this much more
+    double remnant_share = 0.1;  // of the effects already found: less is their remnant
     int min_runs = 3;            // informative runs the effect must help in
 };
 
@@ -61,9 +62,10 @@ public:
     bool stale = true;                      // found has changed since the last assess
 
     const Evidence &evidence() const { return *evidence_; }
-    // y with chain effects taken off; nuisances with found effects beside them.
+    // y with chain effects taken off; friction, imperfections and found effects, in this order.
     Eigen::VectorXd target(const BlockRows &b) const;
     Eigen::MatrixXd fixed(const BlockRows &b) const;
+    Eigen::Index imperfection_columns() const { return 1 + 6 * arm_joint_.ripples; }
     Gram gram(const Family &f, Point at) const;
     // Fit the noise, scan orders, weigh every family.
     void assess(const Gates &gates);
@@ -71,10 +73,14 @@ public:
     void refine(Found *f) const;
 
 private:
-    double ratio_, min_rms_nm_;
+    hdt_arm_joint arm_joint_;
+    double min_rms_nm_;
     std::unique_ptr<Evidence> evidence_;
     void weigh(std::size_t family, const std::vector<RunSet> &splits);
     std::vector<Eigen::MatrixXd> rich_columns() const;
+    std::vector<LineHit> plain_lines(const std::vector<RunRows> &rows, const std::vector<Eigen::MatrixXd> &rich,
+                                     const OrderGrid &grid) const;
+    double found_rms() const;
 };
 
 // Root mean square of each run's residual with parameters from the other runs.  Nuisance columns

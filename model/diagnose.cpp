@@ -225,7 +225,7 @@ JointEstimate estimate(const JointWork &w, const Found &axis, VectorXd *axis_the
         e.friction = fit.nuisance.head(kFriction);
         e.friction_sigma = cov.diagonal().head(kFriction).cwiseMax(0.0).cwiseSqrt();
     }
-    Index at = kFriction - kept;
+    Index at = kFriction - kept + w.imperfection_columns();
     for (const Found &f : w.found) {
         const Index k = f.chain_theta ? 0 : f.columns(w.fit[0]).cols();
         e.theta.push_back(fit.nuisance.segment(at, k));
@@ -234,6 +234,24 @@ JointEstimate estimate(const JointWork &w, const Found &axis, VectorXd *axis_the
     }
     *axis_theta = fit.theta;
     return e;
+}
+
+// Effects whose numbers are not three sigma from nothing are taken out again.
+bool prune(JointWork &w)
+{
+    VectorXd unused;
+    const JointEstimate e = estimate(w, {}, &unused);
+    bool any = false;
+    for (std::size_t k = w.found.size(); k-- > 0;) {
+        if (w.found[k].chain_theta)
+            continue;
+        const double wald = e.theta[k].dot(e.covariance[k].ldlt().solve(e.theta[k]));
+        if (wald >= 9 * static_cast<double>(e.theta[k].size()))
+            continue;
+        w.found.erase(w.found.begin() + static_cast<std::ptrdiff_t>(k));
+        w.stale = any = true;
+    }
+    return any;
 }
 
 // Residuals on held-out rows, all runs one after the other.
@@ -309,7 +327,7 @@ VectorXd axis_signal(const std::string &id, const std::string &axis, const Block
         return *label = "travel since reversal, rad", b.travel;
     if (is({"inertia", "coupling"}))
         return *label = "acceleration, rad/s^2", b.a;
-    if (is({"torque_gain", "torque_delay", "torque"}))
+    if (is({"torque_gain", "torque"}))
         return *label = "declared torque, N.m", b.total;
     if (is({"viscous_nonlinear", "stribeck_shape", "v"}))
         return *label = "speed, rad/s", b.v;
@@ -516,12 +534,6 @@ std::string judge(std::size_t runs, const HeldOut &h, bool unnamed, JointDiagnos
         d->verdict = "suspect";
         return text("%.0f independent run(s) are too few to name it", static_cast<double>(runs));
     }
-    for (const Effect &e : d->effects)
-        for (const EffectParameter &p : e.parameters)
-            if (&p == &e.parameters[0] && std::abs(p.value - (p.name == "gain" ? 1 : 0)) < 3 * p.sigma) {
-                d->verdict = "suspect";
-                return "its size is uncertain: " + numbers(e);
-            }
     return "";
 }
 
@@ -646,11 +658,15 @@ Diagnosis diagnose(const ArmFile &arm, const std::vector<Run> &fit, const std::v
     parallel(works.size(), [&](std::size_t j) {
         works[j]->assess(gates);
         const Gram g = works[j]->evidence().gram({});
-        start[j].refit = gls_fit(g, RunSet(g.weighted.size(), 1)).nuisance;
+        start[j].refit = gls_fit(g, RunSet(g.weighted.size(), 1)).nuisance.head(kFriction);
         start[j].tried = list_candidates(*works[j]);
     });
     std::vector<Found> axes;
     select(works, gates, &axes);
+    parallel(works.size(), [&](std::size_t j) {
+        if (prune(*works[j]))
+            works[j]->assess(gates);
+    });
     std::vector<Judged> judged(works.size());
     parallel(works.size(), [&](std::size_t j) {
         judged[j] = judge_joint(arm.arm(), *works[j], axes[j], start[j], runs, gates);

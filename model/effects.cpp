@@ -272,16 +272,6 @@ void add_motion_families(std::vector<Family> *out, int joint)
             return b.dir.cwiseProduct((-b.v.cwiseAbs() / p.x).array().exp().matrix());
         },
         true);
-    // torque ahead of position by a delay: a derivative over unbroken blocks
-    add(out, "torque_delay", {"torque", "time"}, {{}}, [](const BlockRows &b, Point) -> MatrixXd {
-        VectorXd d = VectorXd::Zero(b.size());
-        for (Index t = 1; t + 1 < b.size(); ++t) {
-            const auto i = static_cast<std::size_t>(t);
-            if (b.block[i + 1] == b.block[i] + 1 && b.block[i - 1] == b.block[i] - 1)
-                d[t] = (b.total[t + 1] - b.total[t - 1]) / (2 * b.block_s);
-        }
-        return d;
-    });
 }
 
 void add_ripple_families(std::vector<Family> *out, const hdt_arm &arm, int joint)
@@ -299,9 +289,6 @@ void add_ripple_families(std::vector<Family> *out, const hdt_arm &arm, int joint
     };
     add(out, "ripple_load", {q, "load"}, orders, [scaled](const BlockRows &b, Point p) {
         return scaled(b, p, b.gravity.cwiseAbs());
-    });
-    add(out, "ripple_speed", {q, name_of("v", joint)}, orders, [scaled](const BlockRows &b, Point p) {
-        return scaled(b, p, b.v.cwiseAbs());
     });
 }
 
@@ -326,6 +313,13 @@ void add_axes(std::vector<Family> *out, int joint, const std::vector<BlockRows> 
 }
 
 } // namespace
+
+bool Family::adoptable() const
+{
+    static const char *const ids[] = {"payload", "load_friction", "torque_gain", "cable_spring", "inertia",
+                                      "temperature", "presliding", "order_line"};
+    return std::find(std::begin(ids), std::end(ids), id) != std::end(ids);
+}
 
 BlockRows BlockRows::slice(Index begin, Index end) const
 {
@@ -388,6 +382,30 @@ MatrixXd nuisance_columns(const BlockRows &b)
     n.col(2) = b.v.cwiseMax(0.0);
     n.col(3) = b.v.cwiseMin(0.0);
     return n;
+}
+
+Imperfections imperfections(const hdt_arm_joint &joint, const BlockRows &b)
+{
+    constexpr double delay_s = 0.003, speed_radps = 0.2;
+    Imperfections out;
+    out.columns = MatrixXd::Zero(b.size(), 1 + 6 * joint.ripples);
+    out.sigma = VectorXd::Constant(out.columns.cols(), delay_s);
+    // rate of the declared torque, over unbroken blocks
+    for (Index t = 1; t + 1 < b.size(); ++t) {
+        const auto i = static_cast<std::size_t>(t);
+        if (b.block[i + 1] == b.block[i] + 1 && b.block[i - 1] == b.block[i] - 1)
+            out.columns(t, 0) = (b.total[t + 1] - b.total[t - 1]) / (2 * b.block_s);
+    }
+    const VectorXd speed = b.v.cwiseAbs();
+    for (int k = 0; k < joint.ripples; ++k) {
+        const double order = joint.ripple[k].order_rev, amplitude = std::abs(joint.ripple[k].amplitude_nm) + 1e-6;
+        const MatrixXd line = line_columns(b.scan(), order, false), directed = line_columns(b.scan(), order, true);
+        // at speed the rotor answers; wind-up by friction shifts the angle with direction
+        out.columns.middleCols(1 + 6 * k, 6) << speed.asDiagonal() * line, speed.asDiagonal() * directed, line;
+        out.sigma.segment(1 + 6 * k, 4).setConstant(amplitude / speed_radps);
+        out.sigma.segment(5 + 6 * k, 2).setConstant(0.3 * amplitude);
+    }
+    return out;
 }
 
 std::vector<Family> effect_families(const hdt_arm &arm, int joint, const std::vector<BlockRows> &runs)

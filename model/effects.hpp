@@ -43,6 +43,11 @@ std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c);
 // Nuisances every candidate is tested beside: Coulomb and viscous friction, free by direction.
 // Columns: f0 positive, f0 negative, fv positive, fv negative.
 Eigen::MatrixXd nuisance_columns(const BlockRows &b);
+// Healthy imperfections no name should be given to: torque a few milliseconds away from position, and
+// declared ripple as the rotor answers it at speed and wind-up shifts it.  One prior standard deviation
+// per column.
+struct Imperfections { Eigen::MatrixXd columns; Eigen::VectorXd sigma; };
+Imperfections imperfections(const hdt_arm_joint &joint, const BlockRows &b);
 
 // Where on a family's scale: a time constant, a travel, an order, ... and which variant.
 struct Point { double x = 0; int kind = 0; };
@@ -60,6 +65,7 @@ struct Family {
     Eigen::MatrixXd roughness;         // axes: second differences of neighbours, columns x columns
     std::vector<double> knots;         // axes
     bool named() const { return id != "unnamed"; }
+    bool adoptable() const;            // the model file has a term for it
 };
 
 // In order of preference where the data cannot tell two apart.  joint is 0-based.

@@ -20,6 +20,10 @@ namespace {
 
 constexpr double kRidge = 1e-9;          // of the largest diagonal: rank-deficient designs are normal
 constexpr Index kWanderKnotsMax = 40;
+// Share of white noise assumed beside whatever colour is found.  Lines that move with speed look
+// predictable to an autoregression; without this bound, whitening would trade the slow part, which is
+// what effects are made of, for the last digits of the fast part.
+constexpr double kWhiteShare = 0.15;
 
 MatrixXd ridged(MatrixXd a)
 {
@@ -71,7 +75,7 @@ VectorXd autocovariance(const std::vector<RunRows> &runs, const std::vector<Vect
     // tapered, so that unequal counts cannot make it indefinite
     for (int k = 0; k <= order; ++k)
         acov[k] = (count[k] > 0 ? sum[k] / count[k] : 0) * (1 - 1e-4 * k);
-    acov[0] = std::max(var, 1e-12);
+    acov[0] = std::max(var, 1e-12) * (1 + kWhiteShare);
     return acov;
 }
 
@@ -302,6 +306,9 @@ Evidence::Evidence(std::vector<RunRows> runs, NoiseModel noise) : runs_(std::mov
         p.half = Eigen::LLT<MatrixXd>(d).matrixL().solve(MatrixXd::Identity(nz, nz));
         p.half_base = p.half * (p.random.transpose() * p.base);
         p.weighted = p.base.transpose() * p.base - p.half_base.transpose() * p.half_base;
+        // what is known beforehand of a nuisance is shared out among the runs
+        if (r.prior.size() == nf)
+            p.weighted.diagonal().head(nf) += r.prior / static_cast<double>(runs_.size());
         p.plain = base.transpose() * base;
         prepared_.push_back(std::move(p));
     }

@@ -18,6 +18,7 @@ namespace hdt {
 struct RunRows {
     Eigen::VectorXd y;              // N.m
     Eigen::MatrixXd fixed;          // nuisance columns, one coefficient for all runs
+    Eigen::VectorXd prior;          // precision of those coefficients about zero; empty: free
     Eigen::MatrixXd random;         // columns whose coefficient is drawn anew in every run
     std::vector<int> group;         // variance group of each random column
     std::vector<int> lags;          // unbroken predecessors of each row
