@@ -363,7 +363,7 @@ START_TEST(test_a_run_that_does_not_fit_is_refused_by_name)
 {
     hdt_arm arm = small_arm(1);
     Run good = make_run(5, 700, 0, 31), run = good;
-    ck_assert_str_eq(refusal(good, arm).c_str(), "");
+    ck_assert(refusal(good, arm).empty());
 
     run.joint.resize(2);
     ck_assert(says(refusal(run, arm), "made.csv: expected at most 1 joints"));
