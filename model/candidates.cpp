@@ -270,8 +270,9 @@ void JointWork::assess(const Gates &gates)
         log_e.push_back(scores[k].log_e);
     }
     const std::vector<double> p = ebh_adjusted(log_e);
-    // the floor: what the best model found, named or not, leaves on a run it was not fitted on
-    const double base = left_out_rms(evidence_->gram({}));
+    // the floor: what the best model found, named or not, leaves on a run it was not fitted on;
+    // healthy imperfections are part of it, for no model has a term for them
+    const double base = left_out_rms(evidence_->gram({}), 0, nuisance_columns(fit[0]).cols(), imperfection_columns());
     double rows_total = 0, most = 0;
     for (std::size_t k = 0; k < families.size(); ++k) {
         scores[k].p_adjusted = p[k];
@@ -328,7 +329,7 @@ void JointWork::refine(Found *f) const
         f->at.x = locked;
 }
 
-double left_out_rms(const Gram &g, Index first)
+double left_out_rms(const Gram &g, Index first, Index ignored, Index count)
 {
     const Index n = g.nuisances + g.columns, free = n - first;
     double sum = 0, rows = 0;
@@ -346,6 +347,7 @@ double left_out_rms(const Gram &g, Index first)
         VectorXd coef = VectorXd::Zero(n + 1);
         coef.segment(first, free) = -a.llt().solve(w.col(n).segment(first, free));
         coef[n] = 1;
+        coef.segment(ignored, count).setZero();
         sum += coef.dot(g.plain[r] * coef);
         rows += static_cast<double>(g.rows[r]);
     }

@@ -65,7 +65,7 @@ public:
     // y with chain effects taken off; friction, imperfections and found effects, in this order.
     Eigen::VectorXd target(const BlockRows &b) const;
     Eigen::MatrixXd fixed(const BlockRows &b) const;
-    Eigen::Index imperfection_columns() const { return 1 + 6 * arm_joint_.ripples; }
+    Eigen::Index imperfection_columns() const { return 2 + 8 * arm_joint_.ripples; }
     Gram gram(const Family &f, Point at) const;
     // Fit the noise, scan orders, weigh every family.
     void assess(const Gates &gates);
@@ -84,8 +84,8 @@ private:
 };
 
 // Root mean square of each run's residual with parameters from the other runs.  Nuisance columns
-// before `first` are held at zero.
-double left_out_rms(const Gram &g, Eigen::Index first = 0);
+// before `first` are held at zero; of those fitted, `count` from `ignored` on predict nothing.
+double left_out_rms(const Gram &g, Eigen::Index first = 0, Eigen::Index ignored = 0, Eigen::Index count = 0);
 
 // What to take in next for one joint; empty when nothing passes.
 struct Choice {

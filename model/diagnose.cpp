@@ -58,14 +58,15 @@ std::size_t independent_runs(const std::vector<Run> &runs)
     return n;
 }
 
-RunBlocks read_blocks(const hdt_arm &arm, const std::vector<Run> &runs, const DiagnoseOptions &options)
+RunBlocks read_blocks(const hdt_arm &arm, const std::vector<Run> &runs, bool to_fit,
+                      const DiagnoseOptions &options)
 {
     ConditionOptions co;
     co.block_s = options.block_s;
     co.reversal_guard_s = kReversalGuard_s;
     RunBlocks out;
     for (const Run &r : runs)
-        out.push_back(block_rows(arm, condition(r, arm, co)));
+        out.push_back(block_rows(arm, condition(r, arm, co), r, to_fit));
     return out;
 }
 
@@ -646,8 +647,8 @@ Diagnosis diagnose(const ArmFile &arm, const std::vector<Run> &fit, const std::v
 {
     check_options(arm.arm(), fit, test, options);
     const Gates gates;
-    RunBlocks fit_blocks = read_blocks(arm.arm(), fit, options);
-    const RunBlocks test_blocks = read_blocks(arm.arm(), test, options);
+    RunBlocks fit_blocks = read_blocks(arm.arm(), fit, true, options);
+    const RunBlocks test_blocks = read_blocks(arm.arm(), test, false, options);
     const std::size_t runs = independent_runs(fit);
     if (fit_blocks.size() < kRunsMin)
         fit_blocks = cut_pieces(fit_blocks);

@@ -101,6 +101,17 @@ VectorXd travel_since_turn(const Conditioned &c, int j)
     return out;
 }
 
+MatrixXd best_acceleration(const Conditioned &c, const Run &run)
+{
+    MatrixXd a = c.a;
+    for (std::size_t j = 0; j < run.joint.size(); ++j) {
+        const std::vector<double> &ref = run.joint[j].aref_radps2;
+        if (ref.size() == run.rows() && static_cast<Index>(run.rows()) == a.rows())
+            a.col(static_cast<Index>(j)) = Eigen::Map<const VectorXd>(ref.data(), a.rows());
+    }
+    return a;
+}
+
 MatrixXd take(const MatrixXd &m, const std::vector<Index> &rows)
 {
     MatrixXd out(static_cast<Index>(rows.size()), m.cols());
@@ -328,15 +339,16 @@ BlockRows BlockRows::slice(Index begin, Index end) const
     s.block.assign(block.begin() + begin, block.begin() + end);
     for (auto member : {&BlockRows::t_s, &BlockRows::y_nm, &BlockRows::q, &BlockRows::v, &BlockRows::a,
                         &BlockRows::dir, &BlockRows::travel, &BlockRows::gravity, &BlockRows::total,
-                        &BlockRows::dgdq})
+                        &BlockRows::dgdq, &BlockRows::vibration})
         s.*member = (this->*member).segment(begin, n).eval();
     for (auto member : {&BlockRows::q_all, &BlockRows::a_all, &BlockRows::body, &BlockRows::own, &BlockRows::tilt})
         s.*member = (this->*member).middleRows(begin, n).eval();
     return s;
 }
 
-std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c)
+std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c, const Run &run, bool to_fit)
 {
+    const MatrixXd accel = to_fit ? best_acceleration(c, run) : c.a;
     const hdt_arm mine = arm_for_run(arm, c);
     const ChainColumns chain = chain_columns(mine, c);
     const std::vector<MatrixXd> terms = declared_terms(arm, c);
@@ -350,9 +362,10 @@ std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c)
         b.block_s = c.block_begin.size() > 2 ? c.t_s[c.block_begin[1]] - c.t_s[c.block_begin[0]] : 0.01;
         const double gain = arm.joint[j].torque_gain;
         const VectorXd total = terms[k].rowwise().sum();
-        MatrixXd full(c.t_s.size(), 9);
-        full << c.t_s, gain * c.tau.col(j) - total, c.q.col(j), c.v.col(j), c.a.col(j), c.dir.col(j),
-            travel_since_turn(c, j), terms[k].col(HDT_TERM_GRAVITY), total;
+        MatrixXd full(c.t_s.size(), 10);
+        full << c.t_s, gain * c.tau.col(j) - total, c.q.col(j), c.v.col(j), accel.col(j), c.dir.col(j),
+            travel_since_turn(c, j), terms[k].col(HDT_TERM_GRAVITY), total,
+            c.a.col(j) - accel.col(j);
         const MatrixXd mean = c.block_means(j, full);
         b.t_s = mean.col(0);
         b.y_nm = mean.col(1);
@@ -363,8 +376,9 @@ std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c)
         b.travel = mean.col(6);
         b.gravity = mean.col(7);
         b.total = mean.col(8);
+        b.vibration = mean.col(9);
         b.q_all = c.block_means(j, c.q);
-        b.a_all = c.block_means(j, c.a);
+        b.a_all = c.block_means(j, accel);
         b.body = take(chain.body[k], b.block);
         b.own = take(chain.own[k], b.block);
         b.tilt = take(chain.tilt[k], b.block);
@@ -386,9 +400,9 @@ MatrixXd nuisance_columns(const BlockRows &b)
 
 Imperfections imperfections(const hdt_arm_joint &joint, const BlockRows &b)
 {
-    constexpr double delay_s = 0.003, speed_radps = 0.2;
+    constexpr double delay_s = 0.003, speed_radps = 0.2, inertia_kgm2 = 10;
     Imperfections out;
-    out.columns = MatrixXd::Zero(b.size(), 1 + 6 * joint.ripples);
+    out.columns = MatrixXd::Zero(b.size(), 2 + 8 * joint.ripples);
     out.sigma = VectorXd::Constant(out.columns.cols(), delay_s);
     // rate of the declared torque, over unbroken blocks
     for (Index t = 1; t + 1 < b.size(); ++t) {
@@ -396,14 +410,16 @@ Imperfections imperfections(const hdt_arm_joint &joint, const BlockRows &b)
         if (b.block[i + 1] == b.block[i] + 1 && b.block[i - 1] == b.block[i] - 1)
             out.columns(t, 0) = (b.total[t + 1] - b.total[t - 1]) / (2 * b.block_s);
     }
+    out.columns.col(1) = b.vibration;
+    out.sigma[1] = inertia_kgm2;
     const VectorXd speed = b.v.cwiseAbs();
     for (int k = 0; k < joint.ripples; ++k) {
         const double order = joint.ripple[k].order_rev, amplitude = std::abs(joint.ripple[k].amplitude_nm) + 1e-6;
         const MatrixXd line = line_columns(b.scan(), order, false), directed = line_columns(b.scan(), order, true);
         // at speed the rotor answers; wind-up by friction shifts the angle with direction
-        out.columns.middleCols(1 + 6 * k, 6) << speed.asDiagonal() * line, speed.asDiagonal() * directed, line;
-        out.sigma.segment(1 + 6 * k, 4).setConstant(amplitude / speed_radps);
-        out.sigma.segment(5 + 6 * k, 2).setConstant(0.3 * amplitude);
+        out.columns.middleCols(2 + 8 * k, 8) << speed.asDiagonal() * line, speed.asDiagonal() * directed, line, directed;
+        out.sigma.segment(2 + 8 * k, 4).setConstant(amplitude / speed_radps);
+        out.sigma.segment(6 + 8 * k, 4).setConstant(0.3 * amplitude);
     }
     return out;
 }

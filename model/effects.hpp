@@ -26,6 +26,7 @@ struct BlockRows {
     std::vector<Eigen::Index> block;   // block number of each row
     Eigen::VectorXd t_s, y_nm;         // y: gain * reported torque - declared terms
     Eigen::VectorXd q, v, a, dir, travel, gravity, total; // of this joint; total: all declared terms
+    Eigen::VectorXd vibration;         // acceleration beside the one in a; zero where they are the same
     Eigen::MatrixXd q_all, a_all;      // of every joint
     Eigen::MatrixXd body;              // d tau / d (m, mx, my, mz) of a body fixed to the flange
     Eigen::MatrixXd own;               // d tau / d (mx, my) of this joint's link
@@ -37,15 +38,17 @@ struct BlockRows {
     BlockRows slice(Eigen::Index begin, Eigen::Index end) const;
 };
 
-// Every joint of a run (0-based), rows without a valid block left out.
-std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c);
+// Every joint of a run (0-based), rows without a valid block left out.  To fit, acceleration is the
+// reference's where the log has it: the measured one holds vibration that smoothing takes down in
+// part, which looks like missing inertia; the reference moves with the joint and with none of that.
+std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c, const Run &run, bool to_fit);
 
 // Nuisances every candidate is tested beside: Coulomb and viscous friction, free by direction.
 // Columns: f0 positive, f0 negative, fv positive, fv negative.
 Eigen::MatrixXd nuisance_columns(const BlockRows &b);
-// Healthy imperfections no name should be given to: torque a few milliseconds away from position, and
-// declared ripple as the rotor answers it at speed and wind-up shifts it.  One prior standard deviation
-// per column.
+// Healthy imperfections no name should be given to: torque a few milliseconds away from position,
+// vibration, and declared ripple as the rotor answers it at speed and wind-up shifts it.  One prior
+// standard deviation per column.
 struct Imperfections { Eigen::MatrixXd columns; Eigen::VectorXd sigma; };
 Imperfections imperfections(const hdt_arm_joint &joint, const BlockRows &b);
 
