@@ -6,7 +6,7 @@ PREFIX  ?= /usr/local
 DESTDIR ?=
 CC      ?= cc
 CXX     ?= c++
-OPT     ?= -O2 -g
+OPT     ?= -O2
 HDT_DATA ?= ../shared/data
 export BUILD HDT_DATA
 
@@ -22,13 +22,13 @@ WARN  := -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror
 CWARN := $(WARN) -Wstrict-prototypes -Wmissing-prototypes
 INC   := -I. -I$(BUILD)/gen
 DEP    = -MMD -MP
-LINK  := -llcm -lcrypto -lpthread -lm
-CHECK := -lcheck_pic -lsubunit -lrt
+LINK  := -lcrypto -lpthread -lm
+CHECK := -lcheck_pic -lsubunit -lrt -llcm
 
 obj = $(patsubst %,$(BUILD)/obj/%.o,$(1))
 CTRL   := $(call obj,$(wildcard ctrl/*.c))
 DRIVER := $(call obj,$(wildcard driver/*.c))
-LCMGEN := $(BUILD)/obj/gen/hdt_cycle_t.o
+LCMGEN := $(BUILD)/obj/gen/hdt_cycle_t.o $(BUILD)/obj/gen/hdt_run_t.o
 SIM    := $(call obj,$(wildcard sim/*.c))
 MODEL  := $(call obj,$(wildcard model/*.cpp))
 TOOLS  := $(call obj,$(wildcard tools/hdt*.cpp))
@@ -77,8 +77,7 @@ install: all
 	install -m 644 driver/hdt_bus.h driver/drv_*.h $(DESTDIR)$(PREFIX)/include/hdt/driver/
 	install -m 644 model/arms/*.toml $(DESTDIR)$(PREFIX)/share/hdt/arms/
 	printf '%s\n' 'prefix=$(PREFIX)' 'Name: hdt' 'Description: control core and driver for harmonic-drive arms' \
-	  'Version: $(VERSION)' 'Cflags: -I$${prefix}/include/hdt' 'Libs: -L$${prefix}/lib -lhdt' \
-	  'Libs.private: -llcm' >$(DESTDIR)$(PREFIX)/lib/pkgconfig/hdt.pc
+	  'Version: $(VERSION)' 'Cflags: -I$${prefix}/include/hdt' 'Libs: -L$${prefix}/lib -lhdt' >$(DESTDIR)$(PREFIX)/lib/pkgconfig/hdt.pc
 
 ## clean: remove build/
 clean:
@@ -97,7 +96,7 @@ $(READY): tools/deps
 compile = @mkdir -p $(@D) && echo "  $(1) $<" && $(2) $(OPT) $(3) $(INC) $(DEP) -c $< -o $@
 $(BUILD)/obj/ctrl/%.c.o: ctrl/%.c | $(READY)
 	$(call compile,CC ,$(CC),-std=c99 -ffreestanding -fPIC $(CWARN))
-$(BUILD)/obj/driver/%.c.o: driver/%.c $(BUILD)/gen/hdt_cycle_t.h | $(READY)
+$(BUILD)/obj/driver/%.c.o: driver/%.c | $(READY)
 	$(call compile,CC ,$(CC),-std=c99 -D_POSIX_C_SOURCE=200809L -fPIC $(CWARN))
 $(BUILD)/obj/sim/%.c.o: sim/%.c | $(READY)
 	$(call compile,CC ,$(CC),-std=c99 $(CWARN))
@@ -110,27 +109,29 @@ $(BUILD)/obj/tests/%.cpp.o: tests/%.cpp | $(READY)
 $(BUILD)/obj/tools/%.c.o: tools/%.c | $(READY)
 	$(call compile,CC ,$(CC),-std=gnu99 $(WARN))
 
-# LCM's own generator writes code that does not know our warnings
-$(BUILD)/gen/hdt_cycle_t.h $(BUILD)/gen/hdt_cycle_t.c &: driver/hdt_cycle.lcm | $(READY)
+# the tests hold the driver's log to LCM's own library and to the code its generator writes
+$(BUILD)/gen/hdt_cycle_t.h $(BUILD)/gen/hdt_cycle_t.c $(BUILD)/gen/hdt_run_t.h $(BUILD)/gen/hdt_run_t.c &: driver/hdt_cycle.lcm | $(READY)
 	@mkdir -p $(BUILD)/gen
 	lcm-gen -c --c-cpath $(BUILD)/gen --c-hpath $(BUILD)/gen $<
-$(LCMGEN): $(BUILD)/gen/hdt_cycle_t.c
+$(BUILD)/obj/gen/%.o: $(BUILD)/gen/%.c
 	@mkdir -p $(@D)
-	$(CC) $(OPT) -std=gnu99 -fPIC -w $(INC) -c $< -o $@
+	$(CC) $(OPT) -std=gnu99 -w $(INC) -c $< -o $@
 
-$(BUILD)/libhdt.a: $(CTRL) $(DRIVER) $(LCMGEN)
+$(BUILD)/libhdt.a: $(CTRL) $(DRIVER)
 	@rm -f $@
 	ar rcs $@ $^
-$(BUILD)/libhdt.so.$(VERSION): $(CTRL) $(DRIVER) $(LCMGEN)
-	$(CC) -shared -Wl,-soname,libhdt.so.$(SOMAJOR) -o $@ $^ -llcm
+$(BUILD)/libhdt.so.$(VERSION): $(CTRL) $(DRIVER)
+	$(CC) -shared -Wl,-soname,libhdt.so.$(SOMAJOR) -o $@ $^
 $(BUILD)/librig.a: $(SIM) $(MODEL)
 	@rm -f $@
 	ar rcs $@ $^
 $(BUILD)/hdt: $(TOOLS) $(LIBS)
 	$(CXX) $(OPT) -o $@ $(TOOLS) $(LIBS) $(LINK)
+$(BUILD)/obj/tests/check_log.c.o $(BUILD)/obj/tests/lcm_dump.c.o: $(BUILD)/gen/hdt_cycle_t.h
+$(BUILD)/tests/check_log: $(LCMGEN)
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.c.o $(LIBS)
 	@mkdir -p $(@D)
-	$(CXX) $(OPT) -o $@ $< $(LIBS) $(CHECK) $(LINK)
+	$(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.cpp.o $(LIBS)
 	@mkdir -p $(@D)
 	$(CXX) $(OPT) -o $@ $< $(LIBS) $(CHECK) $(LINK)

@@ -61,6 +61,8 @@ enum hdt_limit {
 /* One period's input.  Arrays hold `joints` used entries. */
 struct hdt_in {
     uint64_t t_us;                          /* host time of this period, must advance */
+    uint64_t count_us;                      /* host time the counts were taken at, as well as it is known;
+                                             * 0: t_us.  Velocity is counts over this time        */
     uint32_t mode;                          /* enum hdt_mode */
     uint32_t active;                        /* bit per joint: driven; others get zero and their brake stays on */
     uint32_t fresh;                         /* bit per joint: count is new since the last step */
@@ -109,6 +111,7 @@ typedef struct {
     struct hdt_gate gate;
     struct hdt_vel vel[HDT_JOINTS_MAX];
     int32_t count[HDT_JOINTS_MAX];          /* last count */
+    uint64_t count_us[HDT_JOINTS_MAX];      /* and its time */
     int32_t dir[HDT_JOINTS_MAX];            /* sign of the last motion of the reference: -1 0 +1 */
     int64_t travel_q40[HDT_JOINTS_MAX];     /* rad since the last reversal of the reference */
     int32_t cold_q30[HDT_JOINTS_MAX];       /* share of the cold excess still there */

@@ -73,22 +73,26 @@ static int32_t cold_share(const hdt_t *h, uint32_t j)
 }
 
 /* Newest count to filtered velocity.  Without a new count the last difference is held. */
-static int32_t measure_velocity(hdt_t *h, const struct hdt_in *in, uint32_t j)
+static int32_t measure_velocity(hdt_t *h, const struct hdt_in *in, uint32_t j, uint32_t period_us)
 {
     const struct hdt_tables *t = h->tables;
+    const uint64_t now_us = in->count_us != 0 ? in->count_us : in->t_us;
     struct hdt_vel *vel = &h->vel[j];
     const uint32_t bit = (uint32_t)1 << j;
     int32_t x_q24 = vel->x_q24[0];
 
     if (in->fresh & bit) {
-        /* the gate has counted the periods missed so far; this one has arrived */
-        const uint32_t missed = h->gate.stale[j];
-        if ((h->seen & bit) && missed < HDT_VEL_GAP_MAX) {
-            const int64_t per_count = hdt_vel_per_count_q32(t->joint[j].rad_per_count_q44, t->rate_q16);
-            x_q24 = hdt_vel_difference(in->count[j].raw, h->count[j], per_count, missed + 1u);
+        /* a late host makes a long difference; it must not look like a fast arm */
+        const uint64_t gap_us = now_us - h->count_us[j];
+        if ((h->seen & bit) && now_us > h->count_us[j] && 2 * gap_us <= (uint64_t)period_us * (2 * HDT_VEL_GAP_MAX + 1)) {
+            const uint32_t shortest = period_us / 4u > 16u ? period_us / 4u : 16u;
+            const uint32_t rate_q16 = hdt_vel_rate_q16(gap_us > shortest ? (uint32_t)gap_us : shortest);
+            const int64_t per_count = hdt_vel_per_count_q32(t->joint[j].rad_per_count_q44, rate_q16);
+            x_q24 = hdt_vel_difference(in->count[j].raw, h->count[j], per_count);
             x_q24 = t->joint[j].sign < 0 ? -x_q24 : x_q24;
         }
         h->count[j] = in->count[j].raw;
+        h->count_us[j] = now_us;
         h->seen |= bit;
     }
     return hdt_vel_filter(vel, t->biquad_q28, x_q24);
@@ -117,9 +121,11 @@ static void measure(hdt_t *h, const struct hdt_in *in, struct hdt_motion m[], st
     /* ns to s q32: 2^62 / 1e9 = 4611686018 */
     const uint32_t period_q32 = (uint32_t)(((uint64_t)t->period_ns * 4611686018u) >> 30);
 
+    const uint32_t period_us = t->period_ns / 1000u;
+
     for (uint32_t j = 0; j < t->joints; j++) {
         const struct hdt_joint_tab *tab = &t->joint[j];
-        m[j].v_q24 = measure_velocity(h, in, j);
+        m[j].v_q24 = measure_velocity(h, in, j, period_us);
         m[j].turned = hdt_comp_turned(tab, h->count[j]);
         m[j].q_q24 = hdt_comp_angle_q24(tab, m[j].turned);
         m[j].q_ref_q24 = in->q_ref[j].raw;

@@ -10,16 +10,18 @@
 
 #include "ctrl/hdt.h"
 
-/* Longest gap, in periods, the difference still spans. */
+/* Longest gap, in periods, the difference still spans; the shortest is a quarter of a period. */
 #define HDT_VEL_GAP_MAX 16
 
-/* rad/s of one count in one period, q32, below 2^36. */
+/* One over the time between two counts, Hz q16, to 7e-6 for up to 25 ms.  Only for dt_us >= 16. */
+uint32_t hdt_vel_rate_q16(uint32_t dt_us);
+
+/* rad/s of one count at this rate, q32; below 2^38 for the rates and ratios hdt_tables_check takes. */
 int64_t hdt_vel_per_count_q32(uint32_t rad_per_count_q44, uint32_t rate_q16);
 
-/* Mean velocity over the `periods` since the previous count; counts may wrap.
- * Only for 1 <= periods <= HDT_VEL_GAP_MAX.
+/* Mean velocity since the previous count; counts may wrap.
  * Overflow: clamped to +-128 rad/s. */
-int32_t hdt_vel_difference(int32_t count, int32_t previous, int64_t per_count_q32, uint32_t periods);
+int32_t hdt_vel_difference(int32_t count, int32_t previous, int64_t per_count_q32);
 
 /* One period of y = b0 x + b1 x1 + b2 x2 - a1 y1 - a2 y2 (biquad b0 b1 b2 a1 a2, q28).  The rounding
  * rest is carried over, so a constant input is reached exactly however low the cut-off.

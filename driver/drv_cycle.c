@@ -93,6 +93,8 @@ static void receive(struct drv_cycle *c, struct hdt_in *in)
         c->want_type = 0;
     }
     in->fresh = fresh ? all : 0u;
+    /* the servo answers a command at once, so the counts are as old as the command: a period */
+    in->count_us = c->rec.in.t_us;
     in->servo_alarm = 0;
     for (unsigned j = 0; j < joints; j++) {
         in->count[j].raw = c->last.axis[j].count;

@@ -13,7 +13,7 @@
 
 /* Fingerprints lcm-gen gives the types of hdt_cycle.lcm. */
 #define RUN_FINGERPRINT 0x85c5a31de8566967u
-#define CYCLE_FINGERPRINT 0x66d1d4874e315804u
+#define CYCLE_FINGERPRINT 0xd1878a57772da36cu
 
 /* A place in a message; after the first thing that does not fit, nothing more moves. */
 struct walk {
@@ -127,6 +127,7 @@ static void walk_in(struct walk *w, struct hdt_in *in, unsigned n)
     walk_u32(w, &in->active);
     walk_u32(w, &in->fresh);
     walk_u32(w, &in->servo_alarm);
+    walk_u64(w, &in->count_us);
     for (unsigned j = 0; j < n; j++)
         walk_s32(w, &in->count[j].raw);
     for (unsigned j = 0; j < n; j++)

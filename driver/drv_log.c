@@ -143,6 +143,12 @@ static int csv_begin(struct drv_writer *w)
     return ferror(f) ? -1 : 0;
 }
 
+/* A row stands at the time of its measurement. */
+static uint64_t row_us(const struct hdt_in *in)
+{
+    return in->count_us != 0 ? in->count_us : in->t_us;
+}
+
 static int csv_row(struct drv_writer *w, const struct drv_record *rec)
 {
     const struct hdt_tables *t = w->cfg.tables;
@@ -152,9 +158,9 @@ static int csv_row(struct drv_writer *w, const struct drv_record *rec)
     if (in->fresh == 0)
         return 0;
     if (!w->started)
-        w->t0_us = in->t_us;
+        w->t0_us = row_us(in);
     w->started = 1;
-    fprintf(f, "%.6f", (double)(in->t_us - w->t0_us) * 1e-6);
+    fprintf(f, "%.6f", (double)(row_us(in) - w->t0_us) * 1e-6);
     for (unsigned j = 0; j < t->joints; j++)
         fprintf(f, ",%.9f,%.6f,%.9f,%.9f,%.9f,%.6f", out->q[j].raw * Q24,
                 rec->torque_dig[j] * NM_PER_DIGIT * w->cfg.ratio[j], out->v[j].raw * Q24,

@@ -101,28 +101,6 @@ static const char *check_friction(const struct plant_joint *j)
     return NULL;
 }
 
-/* Largest and smallest slope of the direction-free part of the soft wind-up over load. */
-static void windup_slopes(const struct plant_joint *j, double *most, double *least)
-{
-    const double *up = j->windup[0].slope, *down = j->windup[1].slope;
-    *most = (fmax(up[0], fmax(up[1], up[2])) + fmax(down[0], fmax(down[1], down[2]))) / 2;
-    *least = (fmin(up[0], fmin(up[1], up[2])) + fmin(down[0], fmin(down[1], down[2]))) / 2;
-}
-
-static const char *check_windup(const struct plant_joint *j)
-{
-    double most, least;
-    for (int d = 0; d < 2; d++) {
-        const struct plant_windup *w = &j->windup[d];
-        if (!finite_all(w->slope, 3) || !isfinite(w->zero_nm) || !(w->t1_nm <= w->t2_nm)
-            || !isfinite(w->t1_nm) || !isfinite(w->t2_nm))
-            return "windup: all numbers must be finite and t1_nm not above t2_nm";
-    }
-    windup_slopes(j, &most, &least);
-    return least > -1 ? NULL
-                      : "windup: slopes outweigh the load itself; the gear would push, not spring";
-}
-
 static const char *check_imperfections(const struct plant_joint *j)
 {
     const double all[] = { j->run_coulomb_sigma_nm, j->wander_sigma_nm,   j->wander_s,
@@ -149,15 +127,13 @@ static const char *check_imperfections(const struct plant_joint *j)
     return NULL;
 }
 
-/* Largest eigenvalue of K^1/2 ((1 + wind-up) / J + M^-1) K^1/2, by power iteration. */
+/* Largest eigenvalue of K^1/2 (1 / J + M^-1) K^1/2, by power iteration. */
 static double fastest_square(const struct plant_model *m, const plant_matrix minv)
 {
     double v[PLANT_JOINTS_MAX], root[PLANT_JOINTS_MAX], rotor[PLANT_JOINTS_MAX], size = 0;
     for (int i = 0; i < m->joints; i++) {
         const double *k = m->joint[i].k_nmprad;
-        double most, least;
-        windup_slopes(&m->joint[i], &most, &least);
-        rotor[i] = (1 + fmax(0, most)) / rotor_inertia(&m->joint[i]);
+        rotor[i] = 1 / rotor_inertia(&m->joint[i]);
         root[i] = sqrt(fmax(k[0], fmax(k[1], k[2])));
         v[i] = 1 + 0.1 * i; /* not orthogonal to any mode by symmetry */
     }
@@ -209,7 +185,7 @@ static int check_modes(const struct plant_model *m, double *rate_radps, double *
 static const char *check_joints(struct plant_model *m)
 {
     static const char *(*const check[])(const struct plant_joint *) = {
-        check_frame, check_drive, check_friction, check_windup, check_imperfections
+        check_frame, check_drive, check_friction, check_imperfections
     };
     for (int i = 0; i < m->joints; i++)
         for (size_t c = 0; c < sizeof check / sizeof check[0]; c++) {

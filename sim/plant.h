@@ -37,11 +37,6 @@ struct plant_friction { double f0_nm, fv_nmspr, fs_nm, vc_radps; };
  * added to the friction magnitude, when directed (which never falls below zero by it). */
 struct plant_line { double order_rev, amplitude_nm, phase_rad; int directed; }; /* order per output turn */
 
-/* Soft wind-up [Kennedy & Desai 2005, Table V]: torque the motor must give more while it moves in
- * one direction, three lines over the signed gear torque: slope[0] below t1, slope[1] to t2, slope[2]
- * above, zero_nm at no load.  All zero: absent. */
-struct plant_windup { double slope[3], t1_nm, t2_nm, zero_nm; };
-
 struct plant_joint {
     /* link: frame fixed in link, rotation about its z; standard inertial parameters about its origin */
     double rot[9], trans_m[3];        /* previous link -> joint frame at q = 0, row-major          */
@@ -58,7 +53,6 @@ struct plant_joint {
     /* friction on the motor side, numbers referred to the output */
     struct plant_friction friction[2];/* [0] positive, [1] negative                               */
     struct plant_line line[PLANT_LINES_MAX]; int lines;
-    struct plant_windup windup[2];    /* [0] positive, [1] negative; friction left never falls below zero */
 
     /* healthy imperfections, drawn once a run from the seed */
     double run_coulomb_sigma_nm;      /* scatter of Coulomb friction from run to run              */

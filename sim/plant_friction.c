@@ -15,33 +15,19 @@ void plant_rub_prepare(const struct plant_joint *j, const struct plant_state *s,
 {
     double cold = j->fx_warm_s > 0 ? 1 - s->warm[index] : 0;
     rub->elastic_nm = j->fx_presliding_nm / 2;
-    rub->windup = 0;
     for (int d = 0; d < 2; d++) {
         const struct plant_friction *f = &j->friction[d];
-        const struct plant_windup *w = &j->windup[d];
-        rub->windup |= w->slope[0] != 0 || w->slope[1] != 0 || w->slope[2] != 0 || w->zero_nm != 0;
         rub->coulomb_nm[d] = f->f0_nm * (1 + j->fx_cold_coulomb * cold) + s->run_coulomb_nm[index]
                              + s->wander_nm[index] - rub->elastic_nm;
         rub->viscous_nmspr[d] = f->fv_nmspr * (1 + j->fx_cold_viscous * cold);
     }
 }
 
-/* The integral of the slope from no load. */
-double plant_windup_nm(const struct plant_windup *w, double load_nm)
-{
-    double t1 = w->t1_nm, t2 = w->t2_nm;
-    return w->zero_nm + w->slope[0] * (fmin(load_nm, t1) - fmin(0, t1))
-           + w->slope[1] * (fmax(t1, fmin(load_nm, t2)) - fmax(t1, fmin(0, t2)))
-           + w->slope[2] * (fmax(load_nm, t2) - fmax(0, t2));
-}
-
-/* What periodic lines and soft wind-up add to the friction magnitude, and what they take as torque
- * whatever the direction.  Wind-up differs by direction: its mean is the torque, half its difference
- * the friction. */
+/* What load and periodic lines add to the friction magnitude, and what lines take as torque whatever
+ * the direction. */
 struct extra { double friction_nm, torque_nm; };
 
-static struct extra extras(const struct plant_joint *j, const struct plant_rub *rub,
-                           const struct plant_kick *k, double angle_rad)
+static struct extra extras(const struct plant_joint *j, const struct plant_kick *k, double angle_rad)
 {
     struct extra x = { j->fx_load_mu * fabs(k->gear_nm), 0 };
     for (int i = 0; i < j->lines; i++) {
@@ -52,12 +38,6 @@ static struct extra extras(const struct plant_joint *j, const struct plant_rub *
         else
             x.torque_nm += value;
     }
-    if (rub->windup) {
-        double up = plant_windup_nm(&j->windup[0], k->gear_nm),
-               down = plant_windup_nm(&j->windup[1], k->gear_nm);
-        x.friction_nm += (up - down) / 2;
-        x.torque_nm += (up + down) / 2;
-    }
     return x;
 }
 
@@ -65,7 +45,7 @@ double plant_rub_kick(const struct plant_joint *j, const struct plant_rub *rub,
                       const struct plant_kick *k, double angle_rad, double speed_radps,
                       double *dahl_nm, double *friction_nm)
 {
-    struct extra x = extras(j, rub, k, angle_rad);
+    struct extra x = extras(j, k, angle_rad);
     double gain = k->h_s / k->inertia_kgm2;
     double elastic = *dahl_nm; /* stays zero without presliding */
     double free_radps = speed_radps + gain * (k->drive_nm - x.torque_nm - elastic);

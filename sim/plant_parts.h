@@ -53,7 +53,6 @@ struct plant_rub {
     double coulomb_nm[2];             /* run scatter, wander, cold excess included; elastic part taken out */
     double viscous_nmspr[2];
     double elastic_nm;                /* Dahl part */
-    int windup;                       /* any soft wind-up at all */
 };
 
 /* What one rotor feels in one inner step. */
@@ -70,7 +69,6 @@ double plant_rub_kick(const struct plant_joint *j, const struct plant_rub *rub, 
                       double angle_rad, double speed_radps, double *dahl_nm, double *friction_nm);
 /* Slow states over dt: warming, wander. */
 void plant_rub_age(const struct plant_joint *j, struct plant_state *s, int index, double dt_s);
-double plant_windup_nm(const struct plant_windup *w, double load_nm);
 double plant_lines_energy_j(const struct plant_joint *j, double angle_rad);
 
 /* Standard normal from a 64-bit state; the same on every machine up to libm's last digit. */

@@ -24,7 +24,7 @@ struct walk {
 struct reference {
     int seen;
     int32_t count;
-    unsigned missed;
+    uint64_t t_us;
     double x[3], y[3], travel;
     int dir;
 };
@@ -70,16 +70,14 @@ static void follow(uint32_t j, struct ref_motion *m)
 {
     const struct hdt_joint_tab *t = &arm.joint[j];
     struct reference *s = &ref[j];
-    const double per_count = D(t->rad_per_count_q44, 44), rate = D(arm.rate_q16, 16);
+    const double per_count = D(t->rad_per_count_q44, 44);
     double x = s->x[0];
     if (in.fresh >> j & 1) {
         if (s->seen)
-            x = t->sign * (double)(in.count[j].raw - s->count) * per_count * rate / (s->missed + 1);
+            x = t->sign * (double)(in.count[j].raw - s->count) * per_count * 1e6 / (double)(in.t_us - s->t_us);
         s->seen = 1;
         s->count = in.count[j].raw;
-        s->missed = 0;
-    } else {
-        s->missed++;
+        s->t_us = in.t_us;
     }
     s->x[2] = s->x[1]; s->x[1] = s->x[0]; s->x[0] = x;
     s->y[2] = s->y[1]; s->y[1] = s->y[0];
@@ -337,7 +335,7 @@ static void plain(uint32_t joints)
 
 static int tick(void)
 {
-    in.t_us += 1429;
+    in.t_us += (arm.period_ns + 500) / 1000;
     return hdt_step(&core, &in, &out);
 }
 
@@ -363,6 +361,29 @@ START_TEST(test_first_count_however_far_is_no_speed)
     ck_assert_int_eq(out.v[1].raw, 0);
     ck_assert_uint_eq(out.fault, 0);
     ck_assert_int_eq(out.digit[0].raw, 20);
+}
+END_TEST
+
+START_TEST(test_late_host_does_not_look_like_speed)
+{
+    /* steady 1 rad/s, counts taken at uneven times: the estimate uses the time they were taken at */
+    plain(1);
+    arm.joint[0].q_max_q24 = Q(100, 24);
+    uint64_t r = 9;
+    double t = 0;
+    in.fresh = 1;
+    in.count_us = in.t_us + 1;
+    for (int k = 0; k < 2000; k++) {
+        const uint64_t late_us = (uint64_t)test_uniform(&r, 400, 9000);
+        in.count_us += late_us;
+        t += (double)late_us * 1e-6;
+        in.count[0].raw = arm.joint[0].zero_cnt + (int32_t)lrint(t / D(arm.joint[0].rad_per_count_q44, 44));
+        tick();
+        if (k > 100)
+            ck_assert_double_eq_tol(D(out.v[0].raw, 24), 1, 0.02);
+        ck_assert_uint_eq(out.fault, 0);
+    }
+    in.count_us = 0;
 }
 END_TEST
 
@@ -597,6 +618,7 @@ static Suite *core_suite(void)
     tcase_add_test(m, test_a_joint_alone_is_the_joint_in_the_crowd);
     tcase_add_test(m, test_a_term_not_asked_for_is_zero);
     tcase_add_test(c, test_first_count_however_far_is_no_speed);
+    tcase_add_test(c, test_late_host_does_not_look_like_speed);
     tcase_add_test(c, test_lost_telegrams_do_not_look_like_speed);
     tcase_add_test(c, test_velocity_mode_adds_four_per_second_of_position_error);
     tcase_add_test(c, test_error_leaves_state_alone_and_output_zero);

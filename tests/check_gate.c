@@ -82,7 +82,7 @@ START_TEST(test_torque_is_cut_at_dig_max_and_not_before)
         settle();
         ck_assert_int_eq(out.digit[0].raw, side * 3000);
         ck_assert_uint_eq(out.limit[0], HDT_LIM_TORQUE);
-        out.total[0].raw = side * INT32_MAX;
+        out.total[0].raw = (side < 0 ? -INT32_MAX : INT32_MAX);
         step();
         ck_assert_int_eq(out.digit[0].raw, side * 3000);
         ck_assert_uint_eq(out.limit[0], HDT_LIM_TORQUE);
@@ -160,7 +160,7 @@ START_TEST(test_speed_words_are_cut_at_spd_max_and_not_before)
         step();
         ck_assert_int_eq(out.speed[1].raw, side * 5000);
         ck_assert_uint_eq(out.limit[1], HDT_LIM_SPEED);
-        v_cmd[1].raw = side * INT32_MAX;
+        v_cmd[1].raw = (side < 0 ? -INT32_MAX : INT32_MAX);
         step();
         ck_assert_int_eq(out.speed[1].raw, side * 5000);
     }

@@ -835,54 +835,6 @@ START_TEST(test_conservative_line_is_a_torque_and_directed_line_a_friction)
 }
 END_TEST
 
-/* Table V of the paper, joint 2: friction falls by some 30 N.m once the load drives the joint. */
-static void paper_windup(struct plant_joint *j)
-{
-    j->windup[0] = (struct plant_windup){ { 0.31, 2.63, 0.20 }, -23.48, -11.75, -1.44 };
-    j->windup[1] = (struct plant_windup){ { 0.06, 2.80, 0.27 }, 11.16, 21.75, -0.45 };
-}
-
-START_TEST(test_soft_windup_is_three_lines_that_meet)
-{
-    struct plant_model m = rod();
-    paper_windup(&m.joint[0]);
-    const struct plant_windup *up = &m.joint[0].windup[0], *down = &m.joint[0].windup[1];
-    /* hand-computed: from the value at no load along each line to the next corner */
-    ck_assert_double_eq_tol(plant_windup_nm(up, 0), -1.44, 1e-12);
-    ck_assert_double_eq_tol(plant_windup_nm(up, 40), -1.44 + 8, 1e-12);
-    ck_assert_double_eq_tol(plant_windup_nm(up, -11.75), -1.44 - 2.35, 1e-12);
-    ck_assert_double_eq_tol(plant_windup_nm(up, -23.48), -3.79 - 2.63 * 11.73, 1e-12);
-    ck_assert_double_eq_tol(plant_windup_nm(up, -33.48), -34.6399 - 3.1, 1e-12);
-    ck_assert_double_eq_tol(plant_windup_nm(down, -50), -0.45 - 3, 1e-12);
-    ck_assert_double_eq_tol(plant_windup_nm(down, 11.16), -0.45 + 0.6696, 1e-12);
-    ck_assert_double_eq_tol(plant_windup_nm(down, 31.75), 0.2196 + 29.652 + 2.7, 1e-12);
-}
-END_TEST
-
-START_TEST(test_soft_windup_moves_both_edges_of_stiction_by_load)
-{
-    struct plant_model m = free_rod();
-    struct plant_joint *j = &m.joint[0];
-    j->friction[0].f0_nm = 40;
-    j->friction[1].f0_nm = 41;
-    j->tau_max_m_nm = 4;
-    j->fx_spring_nmprad = 20; /* a load that hardly changes over the travel */
-    paper_windup(j);
-    accept(&m);
-    for (double load = -60; load <= 60; load += 7)
-        for (int sign = -1; sign <= 1; sign += 2)
-            for (int over = 0; over < 2; over++) {
-                struct plant_state s;
-                double q = load / 20;
-                plant_reset(&m, &s, &q, 1);
-                double start = s.th_m_rad[0], edge = load + sign * j->friction[sign < 0].f0_nm
-                                                     + plant_windup_nm(&j->windup[sign < 0], load);
-                run(&m, &s, (edge + sign * (over ? 0.05 : -0.05)) / 50, 0.02);
-                ck_assert_int_eq(s.th_m_rad[0] != start, over);
-            }
-}
-END_TEST
-
 START_TEST(test_directed_line_never_turns_friction_into_drive)
 {
     struct plant_model m = free_rod();
@@ -1157,9 +1109,6 @@ START_TEST(test_check_names_what_is_wrong_and_where)
     REFUSED(3, "vc_radps", j->friction[1].vc_radps = 0);
     REFUSED(3, "lines", j->lines = PLANT_LINES_MAX + 1);
     REFUSED(3, "line", j->line[0].order_rev = 0);
-    REFUSED(3, "windup", j->windup[1].slope[1] = NAN);
-    REFUSED(3, "windup", j->windup[0].t1_nm = 1);
-    REFUSED(3, "windup", j->windup[0].slope[2] = -2);
     REFUSED(3, "negative", j->fx_load_mu = -0.1);
     REFUSED(3, "fx_torque_gain", j->fx_torque_gain = -1);
     REFUSED(3, "fx_spring_q0", j->fx_spring_q0_rad = NAN);
@@ -1198,11 +1147,6 @@ START_TEST(test_chosen_step_follows_the_fastest_thing_there_is)
     m.joint[0].k_nmprad[1] = 6e4; /* the stiffest of the three lines, wherever it is */
     accept(&m);
     ck_assert_double_eq_tol(m.step_s, 0.5 / sqrt(6e4 * mobility), 1e-9);
-    m.step_s = 0;
-    m.joint[0].windup[0].slope[1] = m.joint[0].windup[1].slope[0] =
-        2; /* the rotor feels three times the spring */
-    accept(&m);
-    ck_assert_double_eq_tol(m.step_s, 0.5 / sqrt(6e4 * (3 / 0.3 + 1 / 0.7)), 1e-9);
     damped.joint[0].damping_nmspr = 500;
     accept(&damped);
     ck_assert_double_eq_tol(damped.step_s, 0.5 / (500 * mobility), 1e-9);
@@ -1250,8 +1194,6 @@ static Suite *plant_suite(void)
     tcase_add_test(effects, test_cold_friction_decays_with_the_thermal_time);
     tcase_add_test(effects, test_presliding_friction_builds_up_over_travel_after_a_reversal);
     tcase_add_test(effects, test_conservative_line_is_a_torque_and_directed_line_a_friction);
-    tcase_add_test(effects, test_soft_windup_is_three_lines_that_meet);
-    tcase_add_test(effects, test_soft_windup_moves_both_edges_of_stiction_by_load);
     tcase_add_test(effects, test_directed_line_never_turns_friction_into_drive);
     tcase_add_test(effects, test_effect_of_size_zero_is_bit_identical_to_absent);
     tcase_add_test(runs, test_run_scatter_has_its_sigma_and_changes_breakaway);

@@ -14,6 +14,15 @@ static int64_t pa10_per_count(void)
     return hdt_vel_per_count_q32((uint32_t)llrint(RAD_PER_COUNT * 0x1p44), 700 << 16);
 }
 
+START_TEST(test_rate_is_one_over_the_gap)
+{
+    for (uint32_t dt_us = 16; dt_us <= 25000; dt_us++) {
+        const double got = D(hdt_vel_rate_q16(dt_us), 16);
+        ck_assert_msg(fabs(got * dt_us * 1e-6 - 1) < 7e-6, "%u us: %g Hz", dt_us, got);
+    }
+}
+END_TEST
+
 static void design(double cutoff_hz, double rate_hz, int32_t q28[5])
 {
     double b[5];
@@ -29,13 +38,10 @@ START_TEST(test_one_count_a_period_is_its_angle_times_the_rate)
     uint64_t r = 1;
     for (int k = 0; k < 100000; k++) {
         const int32_t a = (int32_t)test_random(&r), step = (int32_t)test_uniform(&r, -20000, 20000);
-        const uint32_t gap = 1 + (uint32_t)(test_random(&r) % HDT_VEL_GAP_MAX);
         const int32_t b = (int32_t)(uint32_t)((uint32_t)a + (uint32_t)step); /* wraps now and then */
-        /* the reciprocal of a gap is rounded to q24, the speed of a count to q32 */
-        const double want = step * D(per_count, 32) / gap;
-        const double got = D(hdt_vel_difference(b, a, per_count, gap), 24);
-        ck_assert_msg(fabs(got - want) <= 0x1p-25 + fabs(want) * 8e-7, "step %d gap %u: %.9g, expected %.9g",
-                      step, gap, got, want);
+        const double want = step * D(per_count, 32);
+        const double got = D(hdt_vel_difference(b, a, per_count), 24);
+        ck_assert_msg(fabs(got - want) <= 0x1p-25, "step %d: %.9g, expected %.9g", step, got, want);
     }
 }
 END_TEST
@@ -43,23 +49,22 @@ END_TEST
 START_TEST(test_counter_wrap_is_one_count)
 {
     const int64_t per_count = pa10_per_count();
-    const int32_t one = hdt_vel_difference(1, 0, per_count, 1);
+    const int32_t one = hdt_vel_difference(1, 0, per_count);
     ck_assert_int_gt(one, 0);
-    ck_assert_int_eq(hdt_vel_difference(INT32_MIN, INT32_MAX, per_count, 1), one);
-    ck_assert_int_eq(hdt_vel_difference(INT32_MAX, INT32_MIN, per_count, 1), hdt_vel_difference(0, 1, per_count, 1));
+    ck_assert_int_eq(hdt_vel_difference(INT32_MIN, INT32_MAX, per_count), one);
+    ck_assert_int_eq(hdt_vel_difference(INT32_MAX, INT32_MIN, per_count), hdt_vel_difference(0, 1, per_count));
 }
 END_TEST
 
 START_TEST(test_jump_is_clamped_never_wrapped)
 {
     uint64_t r = 2;
-    ck_assert_int_eq(hdt_vel_difference(INT32_MAX, 0, pa10_per_count(), 1), INT32_MAX);
-    ck_assert_int_eq(hdt_vel_difference(INT32_MIN, 0, pa10_per_count(), 1), -INT32_MAX);
+    ck_assert_int_eq(hdt_vel_difference(INT32_MAX, 0, pa10_per_count()), INT32_MAX);
+    ck_assert_int_eq(hdt_vel_difference(INT32_MIN, 0, pa10_per_count()), -INT32_MAX);
     for (int k = 0; k < 100000; k++) {
-        const int64_t per_count = (int64_t)(test_random(&r) % (((uint64_t)1 << 36) + 1));
+        const int64_t per_count = (int64_t)(test_random(&r) % (((uint64_t)1 << 38) + 1));
         const int32_t a = (int32_t)test_random(&r), b = (int32_t)test_random(&r);
-        const uint32_t gap = 1 + (uint32_t)(test_random(&r) % HDT_VEL_GAP_MAX);
-        const int32_t v = hdt_vel_difference(b, a, per_count, gap);
+        const int32_t v = hdt_vel_difference(b, a, per_count);
         const uint32_t up = (uint32_t)b - (uint32_t)a;
         ck_assert_int_ge(v, -INT32_MAX);
         if (v != 0)
@@ -165,6 +170,7 @@ static Suite *vel_suite(void)
 {
     Suite *s = suite_create("vel");
     TCase *d = tcase_create("difference"), *f = tcase_create("filter");
+    tcase_add_test(d, test_rate_is_one_over_the_gap);
     tcase_add_test(d, test_one_count_a_period_is_its_angle_times_the_rate);
     tcase_add_test(d, test_counter_wrap_is_one_count);
     tcase_add_test(d, test_jump_is_clamped_never_wrapped);
