@@ -2,8 +2,6 @@
 //
 // Diagnosis: nothing hidden gives nothing; each effect hidden in a two-joint arm of textbook formulas
 // (planar_arm.hpp, no code shared) is named, sized and helps on runs it was not fitted on.
-#include "tests/check_main.h"
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -17,6 +15,8 @@
 
 #include "model/diagnose.hpp"
 #include "tests/planar_arm.hpp"
+
+#include "tests/check_main.h" // last: check.h defines words the C++ headers use
 
 using namespace hdt;
 using planar::Hidden;

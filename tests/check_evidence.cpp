@@ -2,12 +2,12 @@
 //
 // Evidence: the noise model, whitening, e-values and false discoveries, on synthetic columns whose
 // law is known.  Method: dense covariance matrices as a second implementation, and many seeds.
-#include "tests/check_main.h"
-
+#include <algorithm>
 #include <cmath>
 #include <random>
 
 #include "model/evidence.hpp"
+#include "tests/check_main.h" // last: check.h defines words the C++ headers use
 
 using namespace hdt;
 using Eigen::Index;

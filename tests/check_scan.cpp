@@ -2,13 +2,12 @@
 //
 // Order scan: finds lines where they are, signed or not, and knows what averaging over blocks leaves
 // of them.  Method: rows made at 1 kHz from the motion and averaged by brute force.
-#include "tests/check_main.h"
-
 #include <algorithm>
 #include <cmath>
 #include <random>
 
 #include "model/scan.hpp"
+#include "tests/check_main.h" // last: check.h defines words the C++ headers use
 
 using namespace hdt;
 using Eigen::Index;
