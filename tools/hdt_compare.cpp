@@ -62,6 +62,21 @@ void joint_angles(const Run &run, std::size_t row, VectorXd &q, VectorXd &q_ref)
     }
 }
 
+// The rows from the first to the last with a moving reference: standing by before and after is no task.
+Run moving_part(const Run &run)
+{
+    std::size_t first = run.rows(), last = 0;
+    for (const Run::Joint &joint : run.joint)
+        for (std::size_t k = 0; k < joint.vref_radps.size(); k++)
+            if (joint.vref_radps[k] != 0) {
+                first = std::min(first, k);
+                last = std::max(last, k);
+            }
+    if (first >= last)
+        throw InputError(run.path + ": no reference moves in this run (expected vref columns that are not all zero)");
+    return cut_run(run, run.t_s[first], run.t_s[last]);
+}
+
 Figures figures_of(const hdt_arm &arm, const Run &run)
 {
     if (run.joint.size() != static_cast<std::size_t>(arm.joints))
@@ -257,7 +272,7 @@ void print_rows(const std::vector<std::vector<std::string>> &rows)
 int run(const CompareOptions &o)
 {
     hdt_arm arm = rig::load_arm(o.model);
-    Run before = read_run(o.before), after = read_run(o.after);
+    Run before = moving_part(read_run(o.before)), after = moving_part(read_run(o.after));
     Figures a = figures_of(arm, before), b = figures_of(arm, after);
     Report report("Closed loop before and after");
     auto rows = figure_rows(a, b);
