@@ -16,7 +16,7 @@ using Eigen::VectorXd;
 
 namespace {
 
-constexpr int kArOrder = 4;
+constexpr int kArOrder = 8; // fewer cannot hold both the slow part and the white share
 constexpr double kWander_s = 10;
 constexpr std::size_t kSplits = 16, kPeaks = 5, kPlainPeaks = 3;
 constexpr double kHighestOrder = 600;

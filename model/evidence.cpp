@@ -23,7 +23,7 @@ constexpr Index kWanderKnotsMax = 40;
 // Share of white noise assumed beside whatever colour is found.  Lines that move with speed look
 // predictable to an autoregression; without this bound, whitening would trade the slow part, which is
 // what effects are made of, for the last digits of the fast part.
-constexpr double kWhiteShare = 0.5;
+constexpr double kWhiteShare = 0.15;
 
 MatrixXd ridged(MatrixXd a)
 {

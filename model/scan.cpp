@@ -53,7 +53,7 @@ DirectedSums line_sums(const std::vector<ScanRows> &runs, const std::vector<Vect
     return s;
 }
 
-// Rows by speed: enough to know a line's attenuation and the noise at its frequency.
+// Rows by speed: enough to know the noise at a line's frequency.
 struct SpeedHistogram {
     double step = 0;
     std::array<double, kSpeedBins> rows{};
@@ -121,9 +121,9 @@ OrderScan scan_orders(const std::vector<ScanRows> &runs, const std::vector<Vecto
         const double order = grid.first + grid.step * static_cast<double>(k);
         double info = 1e-300;
         for (std::size_t b = 0; b < kSpeedBins; ++b) {
+            // variance of the sum: the rows are not weighted by what averaging leaves of the line
             const double advance = order * (static_cast<double>(b) + 0.5) * h.step * block_s;
-            const double gain = sinc(0.5 * advance);
-            info += 0.5 * h.rows[b] * gain * gain * noise.information(advance);
+            info += 0.5 * h.rows[b] * noise.information(advance);
         }
         const double sp = s.at[k][0], cp = s.at[k][1], sm = s.at[k][2], cm = s.at[k][3];
         out.power[0].push_back(0.5 * ((sp + sm) * (sp + sm) + (cp + cm) * (cp + cm)) / info);

@@ -150,7 +150,7 @@ START_TEST(test_grid_keeps_to_what_travel_and_speed_can_show)
     for (ScanRows &r : fast)
         r.v_radps *= 10;
     ck_assert_double_lt(order_grid(fast, 600).last, 300);
-    ck_assert_uint_eq(order_grid({}, 600).count() > 0, 1);
+    ck_assert_uint_eq(order_grid({}, 600).count(), 0);
 }
 END_TEST
 
@@ -160,7 +160,13 @@ START_TEST(test_spectrum_reads_the_amplitude)
     OrderGrid grid;
     grid.first = grid.last = 37;
     ck_assert_double_eq_tol(order_spectrum(s.rows, s.line, grid, true)[0], 1, 0.05);
-    ck_assert_double_lt(order_spectrum(s.rows, s.line, grid, false)[0], 0.1);
+    // the other kind sees only what one direction has more rows than the other
+    double up = 0, all = 0;
+    for (const ScanRows &r : s.rows) {
+        up += r.dir.sum();
+        all += static_cast<double>(r.dir.size());
+    }
+    ck_assert_double_lt(order_spectrum(s.rows, s.line, grid, false)[0], 0.1 + std::abs(up) / all);
 }
 END_TEST
 
