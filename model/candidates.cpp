@@ -144,7 +144,8 @@ std::vector<LineHit> JointWork::plain_lines(const std::vector<RunRows> &rows, co
     for (std::size_t r = 0; r < rows.size(); ++r) {
         MatrixXd m(rows[r].y.size(), n);
         m << rows[r].fixed, rich[r];
-        a.selfadjointView<Eigen::Lower>().rankUpdate(m.transpose());
+        if (m.rows() > 0) // a run in which this joint stands still; Eigen divides by the row count
+            a.selfadjointView<Eigen::Lower>().rankUpdate(m.transpose());
         b += m.transpose() * rows[r].y;
         x.push_back(std::move(m));
     }

@@ -97,7 +97,8 @@ Mixed mixed_products(const std::vector<RunRows> &runs, const std::vector<MatrixX
     for (std::size_t r = 0; r < runs.size(); ++r) {
         const MatrixXd xw = whiten(n, runs[r].lags, x[r]), zw = whiten(n, runs[r].lags, runs[r].random);
         const VectorXd yw = whiten(n, runs[r].lags, runs[r].y);
-        m.xx.selfadjointView<Eigen::Lower>().rankUpdate(xw.transpose());
+        if (xw.rows() > 0)
+            m.xx.selfadjointView<Eigen::Lower>().rankUpdate(xw.transpose());
         m.xy += xw.transpose() * yw;
         m.yy += yw.squaredNorm();
         m.rows += static_cast<double>(yw.size());

@@ -45,13 +45,11 @@ void add_log(CLI::App &app, int &code)
     CLI::App *cut = sub->add_subcommand("cut", "a part of a log, as a log");
     cut->add_option("log", o->in)->required();
     cut->add_option("out", o->out)->required();
-    cut->add_option("--from", o->from_s, "first second kept");
+    cut->add_option("--from", o->from_s, "first second kept, from the log's beginning");
     cut->add_option("--to", o->to_s, "first second not kept");
     cut->callback([o, &code] {
-        Run part = cut_run(read_run(o->in), o->from_s, o->to_s);
-        if (part.rows() == 0)
-            throw InputError(o->in + ": no rows between " + std::to_string(o->from_s) + " and " +
-                             std::to_string(o->to_s) + " s");
+        Run run = read_run(o->in);
+        Run part = cut_run(run, run.t_s.front() + o->from_s, run.t_s.front() + o->to_s);
         write_run(o->out, part);
         code = Ok;
     });
