@@ -205,14 +205,12 @@ void JointWork::weigh(std::size_t index, const std::vector<RunSet> &splits)
 }
 
 // What the effects already found do on the fit runs.
-double JointWork::found_rms() const
+double JointWork::found_rms_nm() const
 {
     if (found.empty())
         return 0;
-    const Gram g = evidence_->gram({});
-    const VectorXd coef = gls_fit(g, all_runs(fit.size())).nuisance;
-    double sum = 0, rows = 0;
-    for (const BlockRows &b : fit) {
+    const VectorXd coef = gls_fit(evidence_->gram({}), all_runs(fit.size())).nuisance;
+    return reducible_rms(fit, [&](const BlockRows &b) {
         VectorXd y = VectorXd::Zero(b.size());
         Index at = nuisance_columns(b).cols() + imperfection_columns();
         for (const Found &f : found) {
@@ -220,10 +218,25 @@ double JointWork::found_rms() const
             y += x * (f.chain_theta ? *f.chain_theta : VectorXd(coef.segment(at, x.cols())));
             at += f.chain_theta ? 0 : x.cols();
         }
-        sum += y.squaredNorm();
-        rows += static_cast<double>(y.size());
+        return y;
+    });
+}
+
+double JointWork::held_out_log_likelihood(const std::vector<VectorXd> &residual_nm) const
+{
+    std::vector<RunRows> rows;
+    for (std::size_t r = 0; r < test.size(); ++r) {
+        RunRows one;
+        one.y = residual_nm[r];
+        one.fixed = MatrixXd::Zero(one.y.size(), 1);
+        one.lags = unbroken(test[r].block);
+        set_random_effects(one, test[r].t_s, test[r].dir, test[r].v, kWander_s);
+        rows.push_back(std::move(one));
     }
-    return std::sqrt(sum / std::max(rows, 1.0));
+    double sum = 0;
+    for (const MatrixXd &w : Evidence(std::move(rows), evidence_->noise()).gram({}).weighted)
+        sum -= 0.5 * w(1, 1);
+    return sum;
 }
 
 void JointWork::assess(const Gates &gates)
@@ -282,10 +295,12 @@ void JointWork::assess(const Gates &gates)
             most = std::max(most, scores[k].gain.plain_total);
     }
     floor_nm = std::sqrt(std::max(1e-12, base * base - most / std::max(rows_total, 1.0)));
-    gate_nm = std::max({min_rms_nm_, gates.floor_share * floor_nm, gates.remnant_share * found_rms()});
+    gate_nm = std::max(min_rms_nm_, gates.floor_share * floor_nm);
+    remnant_nm = gates.remnant_share * found_rms_nm();
     for (Score &s : scores)
         s.passes = s.excited && s.plausible && s.p_adjusted <= gates.alpha
                    && s.rms_nm >= gate_nm * (families[s.family].adoptable() ? 1 : gates.loose_share)
+                   && s.rms_nm >= remnant_nm
                    && s.gain.better >= gates.min_runs && 3 * s.gain.better >= 2 * s.gain.informative
                    && s.gain.plain_total > 0;
     stale = false;
@@ -328,6 +343,23 @@ void JointWork::refine(Found *f) const
     if (line && locked > 0 && std::abs(locked - x) < std::max(3 * f->x_sigma, 0.02 * scan.grid.step)
         && llr(locked) > best - kTie_nats)
         f->at.x = locked;
+}
+
+double reducible_rms(const std::vector<BlockRows> &rows, const std::function<VectorXd(const BlockRows &)> &torque_nm)
+{
+    MatrixXd nn = MatrixXd::Zero(4, 4);
+    VectorXd nx = VectorXd::Zero(4);
+    double xx = 0, count = 0;
+    for (const BlockRows &b : rows) {
+        const MatrixXd n = nuisance_columns(b);
+        const VectorXd x = torque_nm(b);
+        nn += n.transpose() * n;
+        nx += n.transpose() * x;
+        xx += x.squaredNorm();
+        count += static_cast<double>(x.size());
+    }
+    nn.diagonal().array() += 1e-9 * nn.diagonal().maxCoeff() + 1e-12;
+    return std::sqrt(std::max(0.0, xx - nx.dot(nn.llt().solve(nx))) / std::max(count, 1.0));
 }
 
 double left_out_rms(const Gram &g, Index first, Index ignored, Index count)
@@ -510,7 +542,7 @@ void judge_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const Ga
             c->ambiguous.back().clear();
             continue;
         }
-        large += c->rms_nm[j] >= w.gate_nm;
+        large += c->rms_nm[j] >= std::max(w.gate_nm, w.remnant_nm);
         for (const Score &s : w.scores)
             simpler_ties = simpler_ties || (s.passes && w.families[s.family].named() && !w.families[s.family].chain
                                             && tied(s.gain.total, c->gain[j].total)

@@ -58,7 +58,8 @@ public:
     std::vector<Found> found;
     std::vector<Score> scores;              // one per family, same order
     OrderScan scan;
-    double floor_nm = 0, gate_nm = 0;
+    double floor_nm = 0, gate_nm = 0;       // gate: what is worth a name on this joint
+    double remnant_nm = 0;                  // beside effects already found a new one must exceed this too
     bool stale = true;                      // found has changed since the last assess
 
     const Evidence &evidence() const { return *evidence_; }
@@ -67,6 +68,8 @@ public:
     Eigen::MatrixXd fixed(const BlockRows &b) const;
     Eigen::Index imperfection_columns() const { return 2 + 8 * arm_joint_.ripples; }
     Gram gram(const Family &f, Point at) const;
+    // Log likelihood of residuals on held-out runs under this noise: run effects are integrated out.
+    double held_out_log_likelihood(const std::vector<Eigen::VectorXd> &residual_nm) const;
     // Fit the noise, scan orders, weigh every family.
     void assess(const Gates &gates);
     // Best x near found.back().at by maximum likelihood; its sigma from the curvature.
@@ -80,8 +83,12 @@ private:
     std::vector<Eigen::MatrixXd> rich_columns() const;
     std::vector<LineHit> plain_lines(const std::vector<RunRows> &rows, const std::vector<Eigen::MatrixXd> &rich,
                                      const OrderGrid &grid) const;
-    double found_rms() const;
+    double found_rms_nm() const;
 };
+
+// Root mean square of a torque over rows, beside what friction could take over.
+double reducible_rms(const std::vector<BlockRows> &rows,
+                     const std::function<Eigen::VectorXd(const BlockRows &)> &torque_nm);
 
 // Root mean square of each run's residual with parameters from the other runs.  Nuisance columns
 // before `first` are held at zero; of those fitted, `count` from `ignored` on predict nothing.

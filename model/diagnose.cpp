@@ -28,6 +28,7 @@ constexpr int kEffectsMax = 4;
 constexpr std::size_t kRunsMin = 4;
 constexpr Index kFriction = 4;             // columns of nuisance_columns
 constexpr Index kRowsMin = 400;            // per joint over all fit runs
+constexpr double kWorse = 1.15;            // held-out rms that runs' scatter alone may add
 constexpr double kPiece_s = 20;
 constexpr double kReversalGuard_s = 0.03;  // velocity estimate and gear wind-up settle within this
 constexpr const char *kChainIds[] = {"payload", "base_tilt"};
@@ -256,7 +257,7 @@ bool prune(JointWork &w)
 }
 
 // Residuals on held-out rows, all runs one after the other.
-struct HeldOut { VectorXd before, refit, after; std::vector<VectorXd> after_by_run; };
+struct HeldOut { VectorXd before, refit, after; std::vector<VectorXd> refit_by_run, after_by_run; };
 
 VectorXd joined(const std::vector<VectorXd> &parts)
 {
@@ -294,25 +295,7 @@ HeldOut held_out(const JointWork &w, const JointEstimate &e, const Found &axis, 
             r -= axis.columns(b) * axis_theta;
         after.push_back(std::move(r));
     }
-    return {joined(before), joined(again), joined(after), after};
-}
-
-// Root mean square of an effect on held-out rows, beside what friction could take over.
-double reducible_rms(const JointWork &w, const std::function<VectorXd(const BlockRows &)> &effect)
-{
-    MatrixXd nn = MatrixXd::Zero(4, 4);
-    VectorXd nx = VectorXd::Zero(4);
-    double xx = 0, rows = 0;
-    for (const BlockRows &b : w.test) {
-        const MatrixXd n = nuisance_columns(b);
-        const VectorXd x = effect(b);
-        nn += n.transpose() * n;
-        nx += n.transpose() * x;
-        xx += x.squaredNorm();
-        rows += static_cast<double>(x.size());
-    }
-    nn.diagonal().array() += 1e-9 * nn.diagonal().maxCoeff() + 1e-12;
-    return std::sqrt(std::max(0.0, xx - nx.dot(nn.llt().solve(nx))) / std::max(rows, 1.0));
+    return {joined(before), joined(again), joined(after), again, after};
 }
 
 VectorXd axis_signal(const std::string &id, const std::string &axis, const BlockRows &b, std::string *label)
@@ -499,7 +482,7 @@ void list_effects(const hdt_arm &arm, const JointWork &w, const JointEstimate &e
         Effect out;
         out.id = f.family.id;
         out.depends_on = f.family.depends_on;
-        out.rms_nm = reducible_rms(w, [&](const BlockRows &b) { return effect_nm(e, w, k, b); });
+        out.rms_nm = reducible_rms(w.test, [&](const BlockRows &b) { return effect_nm(e, w, k, b); });
         out.p_adjusted = f.p_adjusted;
         out.parameters = effect_parameters(arm, w, e, k);
         if (f.chain_theta && out.rms_nm < w.gate_nm)
@@ -515,7 +498,7 @@ void list_effects(const hdt_arm &arm, const JointWork &w, const JointEstimate &e
     out.id = "unnamed";
     out.axis = axis.family.axis;
     out.depends_on = axis.family.depends_on;
-    out.rms_nm = reducible_rms(w, [&](const BlockRows &b) -> VectorXd { return axis.columns(b) * axis_theta; });
+    out.rms_nm = reducible_rms(w.test, [&](const BlockRows &b) -> VectorXd { return axis.columns(b) * axis_theta; });
     out.p_adjusted = axis.p_adjusted;
     out.table_x = axis.family.knots;
     out.table_nm.assign(axis_theta.data(), axis_theta.data() + axis_theta.size());
@@ -523,13 +506,16 @@ void list_effects(const hdt_arm &arm, const JointWork &w, const JointEstimate &e
 }
 
 // Named, unnamed or suspect, and why doubt remains.
-std::string judge(std::size_t runs, const HeldOut &h, bool unnamed, JointDiagnosis *d)
+std::string judge(const JointWork &w, std::size_t runs, const HeldOut &h, bool unnamed, JointDiagnosis *d)
 {
     d->verdict = unnamed ? "unnamed" : "named";
     const double fall = 1 - rms(h.after) / std::max(rms(h.before), 1e-12);
-    if (h.after.size() > 0 && rms(h.after) > 1.01 * std::min(rms(h.before), rms(h.refit))) {
+    // a run's own Coulomb scatter must not decide: judged by likelihood, with a limit in N.m
+    const double gain = w.held_out_log_likelihood(h.after_by_run) - w.held_out_log_likelihood(h.refit_by_run);
+    if (!(gain > 0) || rms(h.after) > kWorse * std::min(rms(h.before), rms(h.refit))) {
         d->verdict = "suspect";
-        return text("it does not help on the held-out runs (%.3g -> %.3g N.m)", rms(h.before), rms(h.after));
+        return text("it does not help on the held-out runs (%.3g N.m as given, %.3g with friction fitted again, "
+                    "%.3g with it)", rms(h.before), rms(h.refit), rms(h.after));
     }
     if (runs < kRunsMin && fall < 0.15) {
         d->verdict = "suspect";
@@ -558,7 +544,7 @@ Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const St
         d.verdict = "nothing";
         detection_limits(w, gates, &d);
     } else {
-        doubt = judge(runs, h, !axis.family.id.empty(), &d);
+        doubt = judge(w, runs, h, !axis.family.id.empty(), &d);
     }
     out.adopt = d.verdict == "named" || (d.verdict == "unnamed" && d.effects.size() > 1);
     d.rms_after_nm = d.verdict == "named" || d.verdict == "unnamed" ? rms(h.after) : d.rms_before_nm;

@@ -131,6 +131,7 @@ START_TEST(test_effect_hidden_is_effect_named)
     const Truth t = truths()[static_cast<std::size_t>(_i)];
     const int seeds = 5;
     int in_set = 0, first = 0, wrong = 0;
+    double before = 0, after = 0;
     std::vector<double> off;
     for (unsigned long seed = 1; seed <= seeds; ++seed) {
         Hidden h = t.hidden;
@@ -145,7 +146,10 @@ START_TEST(test_effect_hidden_is_effect_named)
             printf("%s seed %lu: %s %s\n", t.id, seed, j.verdict.c_str(), j.words.c_str());
         if (!is_first)
             continue;
-        ck_assert_double_lt(j.rms_after_nm, j.rms_before_nm);
+        // friction fitted again beside the effect: a held-out run's own scatter of 0.4 N.m may hide a little
+        ck_assert_double_lt(j.rms_after_nm, 1.15 * j.rms_before_nm);
+        before += j.rms_before_nm * j.rms_before_nm;
+        after += j.rms_after_nm * j.rms_after_nm;
         ck_assert(j.effects[0].adopted);
         if (const EffectParameter *p = parameter(j, t.id, t.parameter))
             off.push_back(std::abs(p->value - t.value) / p->sigma);
@@ -155,6 +159,7 @@ START_TEST(test_effect_hidden_is_effect_named)
     ck_assert_int_eq(wrong, 0);
     ck_assert_int_ge(in_set, seeds);
     ck_assert_int_ge(first, seeds - 1);
+    ck_assert_double_lt(std::sqrt(after / before), 0.9);
     std::sort(off.begin(), off.end());
     ck_assert_msg(off[off.size() / 2] < t.size_tolerance_sigma, "%s: %g sigma off", t.id, off[off.size() / 2]);
 }
@@ -213,6 +218,7 @@ START_TEST(test_pieces_of_one_recording_are_one_run)
     std::vector<Run> fit, test = {cut_run(whole, 100, 120)};
     for (int k = 0; k < 5; ++k)
         fit.push_back(cut_run(whole, 20.0 * k, 20.0 * (k + 1)));
+    test[0].path = "last.csv";
     const Diagnosis d = diagnose(arm(), fit, test, {});
     ck_assert(d.joints[0].words.find("Only 1 independent run") != std::string::npos);
     ck_assert_str_ne(d.joints[0].verdict.c_str(), "named");

@@ -163,7 +163,7 @@ inline hdt::Run make_run(const Hidden &hidden, const Noise &noise, unsigned long
             double friction = kF0[j][d] + viscous[j] * kFv[j][d] * std::fabs(v[j])
                               + kFs[j] * (1 - std::exp(-std::fabs(v[j]) / kVc[j])) + coulomb[j] + wander[j];
             // the elastic part of friction follows motion with a length constant
-            z[j] += (std::fabs(v[j]) / kRate_hz / hidden.presliding_rad) * (dir[j] - z[j]);
+            z[j] = dir[j] + (z[j] - dir[j]) * std::exp(-std::fabs(v[j]) / kRate_hz / hidden.presliding_rad);
             if (here) {
                 friction += hidden.load_mu * std::fabs(tau[j]);
                 friction *= 1 + hidden.cold * std::exp(-run.t_s.back() / hidden.warm_s);
