@@ -71,13 +71,19 @@ std::vector<MatrixXd> chain_columns(const hdt_arm &arm, const BlockState &s)
     return out;
 }
 
+// A line that passes faster than this is carried by the rotor's inertia, not by the motor: a speed
+// loop's torque shows only part of it, and the smoothed acceleration does not follow either.
+constexpr double kRippleHz = 8;
+
 MatrixXd ripple_columns(const hdt_arm_joint &joint, const Conditioned &c, int j)
 {
     MatrixXd out(c.t_s.size(), 2 * joint.ripples);
     for (int k = 0; k < joint.ripples; k++) {
         Eigen::ArrayXd angle = joint.ripple[k].order_rev * c.q.col(j).array();
-        out.col(2 * k) = angle.sin() * c.dir.col(j).array();
-        out.col(2 * k + 1) = angle.cos() * c.dir.col(j).array();
+        double v_max_radps = 2 * M_PI * kRippleHz / joint.ripple[k].order_rev;
+        Eigen::ArrayXd shown = c.dir.col(j).array() * (c.v.col(j).array().abs() < v_max_radps).cast<double>();
+        out.col(2 * k) = angle.sin() * shown;
+        out.col(2 * k + 1) = angle.cos() * shown;
     }
     return out;
 }
