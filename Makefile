@@ -35,10 +35,11 @@ TOOLS  := $(call obj,$(wildcard tools/hdt*.cpp))
 BENCH  := $(patsubst tools/%.c,$(BUILD)/%,$(wildcard tools/bench_*.c))
 TESTS  := $(patsubst tests/%.c,$(BUILD)/tests/%,$(wildcard tests/check_*.c)) \
           $(patsubst tests/%.cpp,$(BUILD)/tests/%,$(wildcard tests/check_*.cpp))
+SLOW   := $(addprefix $(BUILD)/tests/check_,cli dataset diagnose evidence ident rbd scan task)
 LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
 
-.PHONY: all demo check bench install clean help guards
+.PHONY: all demo check check-asan run-asan bench install clean help guards
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -52,6 +53,12 @@ demo: $(BUILD)/hdt
 ## check: guards and all tests
 check: guards $(TESTS) $(BUILD)/hdt
 	@tools/run-tests $(TESTS)
+
+## check-asan: the C rooms and everything that reads files, under address and undefined-behaviour sanitizers
+check-asan:
+	$(MAKE) BUILD=$(BUILD)/asan OPT="-O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all" run-asan
+run-asan: $(filter-out $(SLOW),$(TESTS))
+	@tools/run-tests $^
 
 guards: $(CTRL)
 	@tools/check-layers
