@@ -28,7 +28,7 @@ constexpr int kEffectsMax = 4;
 constexpr std::size_t kRunsMin = 4;
 constexpr Index kFriction = 4;             // columns of nuisance_columns
 constexpr Index kRowsMin = 400;            // per joint over all fit runs
-constexpr double kWorse = 1.15;            // held-out rms that runs' scatter alone may add
+constexpr double kWorse = 1.5;             // held-out mean square may grow by this: few runs scatter
 constexpr double kPiece_s = 20;
 constexpr double kReversalGuard_s = 0.03;  // velocity estimate and gear wind-up settle within this
 constexpr const char *kChainIds[] = {"payload", "base_tilt"};
@@ -512,7 +512,10 @@ std::string judge(const JointWork &w, std::size_t runs, const HeldOut &h, bool u
     const double fall = 1 - rms(h.after) / std::max(rms(h.before), 1e-12);
     // a run's own Coulomb scatter must not decide: judged by likelihood, with a limit in N.m
     const double gain = w.held_out_log_likelihood(h.after_by_run) - w.held_out_log_likelihood(h.refit_by_run);
-    if (!(gain > 0) || rms(h.after) > kWorse * std::min(rms(h.before), rms(h.refit))) {
+    const double *scatter = w.evidence().noise().variance;
+    const double least = std::min(rms(h.before), rms(h.refit));
+    const double limit = std::sqrt(kWorse * least * least + 2 * (scatter[RG_COULOMB] + scatter[RG_OFFSET]));
+    if (!(gain > 0) || rms(h.after) > limit) {
         d->verdict = "suspect";
         return text("it does not help on the held-out runs (%.3g N.m as given, %.3g with friction fitted again, "
                     "%.3g with it)", rms(h.before), rms(h.refit), rms(h.after));

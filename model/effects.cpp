@@ -83,20 +83,25 @@ ChainColumns chain_columns(const hdt_arm &arm, const Conditioned &c)
 
 // Travel since the turning point: from the farthest angle reached in the direction before.  Counting
 // from the first row that moves fast enough would lose the travel up to there.
-VectorXd travel_since_turn(const Conditioned &c, int j)
+struct Travel { VectorXd since_turn, built_up; };
+
+Travel travel_since_turn(const Conditioned &c, int j)
 {
-    VectorXd out(c.t_s.size());
-    double last = 0, turn = c.q(0, j), reach = turn;
-    for (Index i = 0; i < out.size(); ++i) {
+    Travel out{VectorXd(c.t_s.size()), VectorXd(c.t_s.size())};
+    double last = 0, turn = c.q(0, j), reach = turn, share = 0.5; // from rest, friction builds up by half
+    for (Index i = 0; i < c.t_s.size(); ++i) {
         const double q = c.q(i, j), dir = c.dir(i, j);
         if (dir != 0 && dir != last) {
-            if (last != 0)
+            if (last != 0) {
                 turn = reach;
+                share = 1;
+            }
             reach = q;
             last = dir;
         }
         reach = last > 0 ? std::max(reach, q) : last < 0 ? std::min(reach, q) : reach;
-        out[i] = std::abs(q - turn);
+        out.since_turn[i] = std::abs(q - turn);
+        out.built_up[i] = share;
     }
     return out;
 }
@@ -272,7 +277,7 @@ void add_motion_families(std::vector<Family> *out, int joint)
         true, [](const VectorXd &th) { return th[0] + 0.2 * th[1] > 0; });
     add(out, "presliding", {"travel", "direction"}, points({0.001, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064}),
         [](const BlockRows &b, Point p) -> MatrixXd {
-            return -b.dir.cwiseProduct((-b.travel / p.x).array().exp().matrix());
+            return -b.dir.cwiseProduct(b.built_up).cwiseProduct((-b.travel / p.x).array().exp().matrix());
         },
         true, [](const VectorXd &th) { return th[0] > 0; });
     add(out, "viscous_nonlinear", {v}, {{}}, [](const BlockRows &b, Point) -> MatrixXd {
@@ -339,7 +344,7 @@ BlockRows BlockRows::slice(Index begin, Index end) const
     s.block.assign(block.begin() + begin, block.begin() + end);
     for (auto member : {&BlockRows::t_s, &BlockRows::y_nm, &BlockRows::q, &BlockRows::v, &BlockRows::a,
                         &BlockRows::dir, &BlockRows::travel, &BlockRows::gravity, &BlockRows::total,
-                        &BlockRows::dgdq, &BlockRows::vibration})
+                        &BlockRows::dgdq, &BlockRows::vibration, &BlockRows::built_up})
         s.*member = (this->*member).segment(begin, n).eval();
     for (auto member : {&BlockRows::q_all, &BlockRows::a_all, &BlockRows::body, &BlockRows::own, &BlockRows::tilt})
         s.*member = (this->*member).middleRows(begin, n).eval();
@@ -362,10 +367,11 @@ std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c, cons
         b.block_s = c.block_begin.size() > 2 ? c.t_s[c.block_begin[1]] - c.t_s[c.block_begin[0]] : 0.01;
         const double gain = arm.joint[j].torque_gain;
         const VectorXd total = terms[k].rowwise().sum();
-        MatrixXd full(c.t_s.size(), 10);
+        const Travel travel = travel_since_turn(c, j);
+        MatrixXd full(c.t_s.size(), 11);
         full << c.t_s, gain * c.tau.col(j) - total, c.q.col(j), c.v.col(j), accel.col(j), c.dir.col(j),
-            travel_since_turn(c, j), terms[k].col(HDT_TERM_GRAVITY), total,
-            c.a.col(j) - accel.col(j);
+            travel.since_turn, terms[k].col(HDT_TERM_GRAVITY), total,
+            c.a.col(j) - accel.col(j), travel.built_up;
         const MatrixXd mean = c.block_means(j, full);
         b.t_s = mean.col(0);
         b.y_nm = mean.col(1);
@@ -377,6 +383,7 @@ std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c, cons
         b.gravity = mean.col(7);
         b.total = mean.col(8);
         b.vibration = mean.col(9);
+        b.built_up = mean.col(10);
         b.q_all = c.block_means(j, c.q);
         b.a_all = c.block_means(j, accel);
         b.body = take(chain.body[k], b.block);

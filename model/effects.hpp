@@ -26,6 +26,7 @@ struct BlockRows {
     std::vector<Eigen::Index> block;   // block number of each row
     Eigen::VectorXd t_s, y_nm;         // y: gain * reported torque - declared terms
     Eigen::VectorXd q, v, a, dir, travel, gravity, total; // of this joint; total: all declared terms
+    Eigen::VectorXd built_up;          // share of full friction reversal: a half before the first turn
     Eigen::VectorXd vibration;         // acceleration beside the one in a; zero where they are the same
     Eigen::MatrixXd q_all, a_all;      // of every joint
     Eigen::MatrixXd body;              // d tau / d (m, mx, my, mz) of a body fixed to the flange
