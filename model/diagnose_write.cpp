@@ -103,16 +103,16 @@ void add_pictures(Report *report, const JointDiagnosis &d)
         p.series.push_back({"", d.axis_x, y, Series::Points, color});
         return p;
     };
-    report->plots({residual("before, held-out runs", d.residual_before_nm, 1),
-                   residual("after, held-out runs", d.residual_after_nm, 0)});
+    report->plots({residual("before, held-out runs", d.residual_before_nm, PALETTE_BEFORE),
+                   residual("after, held-out runs", d.residual_after_nm, PALETTE_AFTER)});
     if (d.order.empty())
         return;
     Plot p;
     p.title = "lines of the residual by order per output turn, held-out runs";
     p.xlabel = "order per output turn";
     p.ylabel = "amplitude, N.m";
-    p.series.push_back({"before", d.order, d.spectrum_before_nm, Series::Line, 1});
-    p.series.push_back({"after", d.order, d.spectrum_after_nm, Series::Line, 0});
+    p.series.push_back({"before", d.order, d.spectrum_before_nm, Series::Line, PALETTE_BEFORE});
+    p.series.push_back({"after", d.order, d.spectrum_after_nm, Series::Line, PALETTE_AFTER});
     report->plot(p);
 }
 
