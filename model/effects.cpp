@@ -415,10 +415,10 @@ Imperfections imperfections(const hdt_arm_joint &joint, const BlockRows &b)
     for (Index t = 1; t + 1 < b.size(); ++t) {
         const auto i = static_cast<std::size_t>(t);
         if (b.block[i + 1] == b.block[i] + 1 && b.block[i - 1] == b.block[i] - 1)
-            out.columns(t, 0) = (b.total[t + 1] - b.total[t - 1]) / (2 * b.block_s);
+            out.columns(t, 1) = (b.total[t + 1] - b.total[t - 1]) / (2 * b.block_s);
     }
-    out.columns.col(1) = b.vibration;
-    out.sigma[1] = inertia_kgm2;
+    out.columns.col(0) = b.vibration;
+    out.sigma[0] = inertia_kgm2;
     const VectorXd speed = b.v.cwiseAbs();
     for (int k = 0; k < joint.ripples; ++k) {
         const double order = joint.ripple[k].order_rev, amplitude = std::abs(joint.ripple[k].amplitude_nm) + 1e-6;

@@ -47,9 +47,9 @@ std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c, cons
 // Nuisances every candidate is tested beside: Coulomb and viscous friction, free by direction.
 // Columns: f0 positive, f0 negative, fv positive, fv negative.
 Eigen::MatrixXd nuisance_columns(const BlockRows &b);
-// Healthy imperfections no name should be given to: torque a few milliseconds away from position,
-// vibration, and declared ripple as the rotor answers it at speed and wind-up shifts it.  One prior
-// standard deviation per column.
+// Healthy imperfections no name should be given to: vibration (the first column), torque a few
+// milliseconds away from position, and declared ripple as the rotor answers it at speed and wind-up
+// shifts it.  One prior standard deviation per column.
 struct Imperfections { Eigen::MatrixXd columns; Eigen::VectorXd sigma; };
 Imperfections imperfections(const hdt_arm_joint &joint, const BlockRows &b);
 
