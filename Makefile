@@ -69,6 +69,10 @@ guards: $(CTRL)
 ## bench: time and instructions of the core, steps a second of the plant
 bench: $(BENCH)
 	@for b in $(BENCH); do echo "== $$(basename $$b)"; $$b || exit 1; done
+	@command -v valgrind >/dev/null || { echo "no valgrind: instructions not counted"; exit 0; }; \
+	count() { valgrind --tool=callgrind --callgrind-out-file=/dev/null $(BUILD)/bench_core --count $$1 2>&1 | \
+	  sed -n 's/.*Collected : //p'; }; \
+	a=$$(count 1000); b=$$(count 2000); echo "instructions a 7-joint cycle (callgrind): $$(( (b - a) / 1000 ))"
 
 ## install: library, headers, pkg-config file and hdt under DESTDIR/PREFIX
 install: all
@@ -81,7 +85,7 @@ install: all
 	ln -sf libhdt.so.$(VERSION) $(DESTDIR)$(PREFIX)/lib/libhdt.so.$(SOMAJOR)
 	ln -sf libhdt.so.$(SOMAJOR) $(DESTDIR)$(PREFIX)/lib/libhdt.so
 	install -m 644 ctrl/hdt.h ctrl/hdt_q.h ctrl/hdt_tables.h $(DESTDIR)$(PREFIX)/include/hdt/ctrl/
-	install -m 644 driver/hdt_bus.h driver/drv_*.h $(DESTDIR)$(PREFIX)/include/hdt/driver/
+	install -m 644 $(addprefix driver/,hdt_bus.h drv_telegram.h drv_cycle.h drv_log.h drv_host.h) $(DESTDIR)$(PREFIX)/include/hdt/driver/
 	install -m 644 model/arms/*.toml $(DESTDIR)$(PREFIX)/share/hdt/arms/
 	printf '%s\n' 'prefix=$(PREFIX)' 'Name: hdt' 'Description: control core and driver for harmonic-drive arms' \
 	  'Version: $(VERSION)' 'Cflags: -I$${prefix}/include/hdt' 'Libs: -L$${prefix}/lib -lhdt' >$(DESTDIR)$(PREFIX)/lib/pkgconfig/hdt.pc
@@ -125,24 +129,20 @@ $(BUILD)/obj/gen/%.o: $(BUILD)/gen/%.c
 	$(CC) $(OPT) -std=gnu99 -w $(INC) -c $< -o $@
 
 $(BUILD)/libhdt.a: $(CTRL) $(DRIVER)
-	@rm -f $@
-	ar rcs $@ $^
+	@rm -f $@ && echo "  AR  $@" && ar rcs $@ $^
 $(BUILD)/libhdt.so.$(VERSION): $(CTRL) $(DRIVER)
-	$(CC) -shared -Wl,-soname,libhdt.so.$(SOMAJOR) -o $@ $^
+	@echo "  LD  $@" && $(CC) -shared -Wl,-soname,libhdt.so.$(SOMAJOR) -o $@ $^
 $(BUILD)/librig.a: $(SIM) $(MODEL)
-	@rm -f $@
-	ar rcs $@ $^
+	@rm -f $@ && echo "  AR  $@" && ar rcs $@ $^
 $(BUILD)/hdt: $(TOOLS) $(LIBS)
-	$(CXX) $(OPT) -o $@ $(TOOLS) $(LIBS) $(LINK)
+	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(TOOLS) $(LIBS) $(LINK)
 $(BUILD)/obj/tests/check_log.c.o $(BUILD)/obj/tests/lcm_dump.c.o: $(BUILD)/gen/hdt_cycle_t.h
 $(BUILD)/tests/check_log: $(LCMGEN)
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.c.o $(LIBS)
-	@mkdir -p $(@D)
-	$(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
+	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.cpp.o $(LIBS)
-	@mkdir -p $(@D)
-	$(CXX) $(OPT) -o $@ $< $(LIBS) $(CHECK) $(LINK)
+	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $< $(LIBS) $(CHECK) $(LINK)
 $(BUILD)/bench_%: $(BUILD)/obj/tools/bench_%.c.o $(LIBS)
-	$(CXX) $(OPT) -o $@ $< $(LIBS) $(LINK)
+	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $< $(LIBS) $(LINK)
 
 -include $(shell find $(BUILD)/obj -name '*.d' 2>/dev/null)
