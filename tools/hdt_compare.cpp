@@ -221,6 +221,15 @@ Plot term_plot(const Run &run, std::size_t joint, const std::string &title)
     return p;
 }
 
+// Measured torque less feed-forward: what the model lacks, here and now.
+std::vector<double> residual_of(const Run &run, std::size_t joint)
+{
+    std::vector<double> residual;
+    for (std::size_t k = 0; k < run.rows(); k++)
+        residual.push_back(run.joint[joint].tau_nm[k] - sum_terms(run, joint, k, false) + sum_terms(run, joint, k, true));
+    return residual;
+}
+
 // The joint whose feedback torque differs most between the runs: the one worth a picture.
 std::size_t most_changed(const Figures &a, const Figures &b)
 {
@@ -309,6 +318,13 @@ int run(const CompareOptions &o)
     report.heading("Torques by term, joint " + std::to_string(joint + 1));
     report.plot(term_plot(before, joint, "before"));
     report.plot(term_plot(after, joint, "after"));
+    Plot residual;
+    residual.title = "torque residual, joint " + std::to_string(joint + 1) + ": measured less feed-forward";
+    residual.xlabel = "t, s";
+    residual.ylabel = "N m, output side";
+    residual.series = {series("before", before.t_s, residual_of(before, joint)),
+                       series("after", after.t_s, residual_of(after, joint))};
+    report.plot(residual);
     report.write(o.out);
     std::printf("\nreport: %s\n", o.out.c_str());
     return better ? Ok : No;
