@@ -175,7 +175,38 @@ START_TEST(test_adopted_model_leaves_nothing_on_fresh_runs)
         const Diagnosis again = diagnose(d.model, fit, test, {});
         for (const JointDiagnosis &j : again.joints)
             ck_assert_msg(j.verdict == "nothing" || j.effects[0].rms_nm < 0.25, "%s: joint %d: %s", t.id, j.joint, j.words.c_str());
+        // friction went into the file with the effect: fitting it again gains no more than runs scatter
+        const JointDiagnosis &j = again.joints[0];
+        ck_assert_msg(j.rms_before_nm * j.rms_before_nm < j.rms_refit_nm * j.rms_refit_nm + 0.45, "%s: %g, with friction fitted again %g",
+                      t.id, j.rms_before_nm, j.rms_refit_nm);
     }
+}
+END_TEST
+
+START_TEST(test_what_held_out_runs_deny_is_not_adopted)
+{
+    Hidden h;
+    h.inertia_kgm2 = 5;
+    std::vector<Run> fit = planar::make_runs(h, {}, 41, 6), test = planar::make_runs({}, {}, 42, 2);
+    const Diagnosis d = diagnose(arm(), fit, test, {});
+    ck_assert_str_eq(d.joints[0].verdict.c_str(), "suspect");
+    ck_assert(!d.joints[0].effects.empty() && !d.joints[0].effects[0].adopted);
+    ck_assert(!d.model.has("joint.1.effect"));
+    ck_assert_double_eq(d.joints[0].rms_after_nm, d.joints[0].rms_before_nm);
+}
+END_TEST
+
+// A snag in two runs of seven is not a property of the joint.
+START_TEST(test_what_few_runs_show_is_not_named)
+{
+    Hidden h;
+    h.spring = 2;
+    std::vector<Run> fit = planar::make_runs({}, {}, 51, 5), test = planar::make_runs({}, {}, 52, 2);
+    for (unsigned long k = 0; k < 2; ++k)
+        fit.push_back(planar::make_run(h, {}, 53000 + k));
+    const Diagnosis d = diagnose(arm(), fit, test, {});
+    ck_assert_msg(d.joints[0].verdict != "named" && d.joints[0].verdict != "unnamed", "%s", d.joints[0].words.c_str());
+    ck_assert(!d.model.has("joint.1.effect"));
 }
 END_TEST
 
@@ -326,6 +357,8 @@ static Suite *diagnose_suite(void)
     TCase *rules = tcase_create("rules");
     tcase_set_timeout(rules, 120);
     tcase_add_test(rules, test_too_few_runs_refuse_to_name);
+    tcase_add_test(rules, test_what_held_out_runs_deny_is_not_adopted);
+    tcase_add_test(rules, test_what_few_runs_show_is_not_named);
     tcase_add_test(rules, test_pieces_of_one_recording_are_one_run);
     tcase_add_test(rules, test_same_logs_same_answer);
     tcase_add_test(rules, test_files_keep_the_contract);

@@ -88,23 +88,26 @@ END_TEST
 
 START_TEST(test_power_is_the_likelihood_ratio)
 {
-    const Sweep s = make_sweep(50, 0.4, false);
-    const std::vector<VectorXd> y = with_noise(s.line, 0.5, 3);
-    OrderGrid grid;
-    grid.first = grid.last = 50;
-    std::vector<VectorXd> score = y;
-    for (VectorXd &v : score)
-        v /= 0.25;
-    const double power = scan_orders(s.rows, score, white(0.5), grid).power[0][0];
-    Eigen::Matrix2d a = Eigen::Matrix2d::Zero();
-    Eigen::Vector2d b = Eigen::Vector2d::Zero();
-    for (std::size_t r = 0; r < s.rows.size(); ++r) {
-        const Eigen::MatrixXd x = line_columns(s.rows[r], 50, false);
-        a += x.transpose() * x / 0.25;
-        b += x.transpose() * y[r] / 0.25;
-    }
-    const double exact = 0.5 * b.dot(a.inverse() * b);
-    ck_assert_double_eq_tol(power / exact, 1, 0.1);
+    for (bool directed : {false, true})
+        for (double phase : {0.0, 0.8, 1.5707963}) {
+            const Sweep s = make_sweep(50, phase, directed);
+            const std::vector<VectorXd> y = with_noise(s.line, 0.5, 3);
+            OrderGrid grid;
+            grid.first = grid.last = 50;
+            std::vector<VectorXd> score = y;
+            for (VectorXd &v : score)
+                v /= 0.25;
+            const double power = scan_orders(s.rows, score, white(0.5), grid).power[directed][0];
+            Eigen::Matrix2d a = Eigen::Matrix2d::Zero();
+            Eigen::Vector2d b = Eigen::Vector2d::Zero();
+            for (std::size_t r = 0; r < s.rows.size(); ++r) {
+                const Eigen::MatrixXd x = line_columns(s.rows[r], 50, directed);
+                a += x.transpose() * x / 0.25;
+                b += x.transpose() * y[r] / 0.25;
+            }
+            const double exact = 0.5 * b.dot(a.inverse() * b);
+            ck_assert_double_eq_tol(power / exact, 1, 0.1);
+        }
 }
 END_TEST
 
