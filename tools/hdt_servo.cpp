@@ -20,16 +20,16 @@ struct ServoOptions {
     double seconds = 0;
 };
 
-// Tick by the clock; a late wake-up is made up for, up to a tenth of a second at once.
+// Tick by the clock.  A late wake-up is made up for before any telegram is answered, so that the
+// arm a host sees never lags the clock; up to a tenth of a second at once.
 int serve(servo &driver, hdt_bus &bus, double seconds)
 {
     constexpr uint64_t tick_ns = 1000000000u / SERVO_RATE_HZ;
     hdt_clock clock = hdt_clock_posix();
-    uint64_t start = clock.now_ns(clock.ctx), next = start, skipped = 0;
+    uint64_t start = clock.now_ns(clock.ctx), next = start + tick_ns, skipped = 0;
     while (!stopped()) {
         if (seconds > 0 && static_cast<double>(next - start) * 1e-9 > seconds)
             break;
-        next += tick_ns;
         int slept = clock.sleep_until_ns(clock.ctx, next);
         if (slept != 0 && slept != -EINTR)
             throw InputError("hdt servo: the monotonic clock cannot be slept on");
@@ -38,8 +38,9 @@ int serve(servo &driver, hdt_bus &bus, double seconds)
             skipped += (now - next) / tick_ns;
             next = now;
         }
+        for (; next <= now; next += tick_ns)
+            servo_tick(&driver);
         servo_serve(&driver, &bus);
-        servo_tick(&driver);
     }
     std::fprintf(stderr, "hdt servo: %llu telegrams answered, %llu refused, %llu ticks skipped\n",
                  static_cast<unsigned long long>(driver.s.answered), static_cast<unsigned long long>(driver.s.refused),
