@@ -221,12 +221,12 @@ Plot term_plot(const Run &run, std::size_t joint, const std::string &title)
     return p;
 }
 
-// Measured torque less feed-forward: what the model lacks, here and now.
-std::vector<double> residual_of(const Run &run, std::size_t joint)
+// True torque, as far as the model knows the gain, less feed-forward: what the model lacks.
+std::vector<double> residual_of(const Run &run, std::size_t joint, double torque_gain)
 {
     std::vector<double> residual;
     for (std::size_t k = 0; k < run.rows(); k++)
-        residual.push_back(run.joint[joint].tau_nm[k] - sum_terms(run, joint, k, false) + sum_terms(run, joint, k, true));
+        residual.push_back(torque_gain * run.joint[joint].tau_nm[k] - sum_terms(run, joint, k, false) + sum_terms(run, joint, k, true));
     return residual;
 }
 
@@ -322,8 +322,8 @@ int run(const CompareOptions &o)
     residual.title = "torque residual, joint " + std::to_string(joint + 1) + ": measured less feed-forward";
     residual.xlabel = "t, s";
     residual.ylabel = "N m, output side";
-    residual.series = {series("before", before.t_s, residual_of(before, joint)),
-                       series("after", after.t_s, residual_of(after, joint))};
+    residual.series = {series("before", before.t_s, residual_of(before, joint, 1)),
+                       series("after", after.t_s, residual_of(after, joint, arm.joint[joint].torque_gain))};
     report.plot(residual);
     report.write(o.out);
     std::printf("\nreport: %s\n", o.out.c_str());
@@ -336,7 +336,7 @@ void add_compare(CLI::App &app, int &code)
 {
     auto o = std::make_shared<CompareOptions>();
     CLI::App *sub = app.add_subcommand("compare", "two closed-loop runs of one task: figures and pictures");
-    sub->add_option("--model", o->model, "model file, for the kinematics")->required();
+    sub->add_option("--model", o->model, "model file of the run after")->required();
     sub->add_option("--before", o->before, "log with --terms")->required();
     sub->add_option("--after", o->after, "log with --terms")->required();
     CLI::Option *diagnosis = sub->add_option("--diagnosis", o->diagnosis, "diagnosis.json");
