@@ -22,7 +22,7 @@ namespace {
 
 using Eigen::VectorXd;
 
-struct CompareOptions { std::string model, before, after, diagnosis, hidden, out, json; };
+struct CompareOptions { std::string model, before, after, diagnosis, hidden, out; };
 
 // Closed-loop figures of one run.
 struct Figures {
