@@ -14,10 +14,45 @@
 extern "C" {
 #endif
 
-/* plant_chain.c: rigid links in base coordinates. */
+/* plant_chain.c: rigid links. */
 
 /* Row-major, row stride PLANT_JOINTS_MAX, joints x joints used. */
 typedef double plant_matrix[PLANT_JOINTS_MAX * PLANT_JOINTS_MAX];
+
+/* One link in a frame of the chain's own choice: z is the joint axis, x and the place along z such
+ * that the turn from the link before is Rz(q + offset) and then Rx(twist), and the origin has no z
+ * in the frame before.  Inertia that turns with the link before in any case (on the axis) is booked
+ * there, so that mass, moment along z and second moment along z are zero. */
+struct plant_body {
+    double twist_cos, twist_sin, offset_rad;
+    double x_m, y_m;                       /* origin in the frame before */
+    double moment_kgm[2];                  /* x y                                                   */
+    double second_kgm2[5];                 /* xx xy xz yy yz of the integral of r r' over the mass  */
+};
+
+/* Constants of a chain, payload included.  Plain: a copy is as good. */
+struct plant_chain {
+    int joints;
+    double gravity_mps2[3];                /* in the base as the first body's frame sees it  */
+    double base_j;                         /* potential energy of what ended up in the base  */
+    struct plant_body body[PLANT_JOINTS_MAX];
+};
+
+/* From a model that plant_model_check would accept; whenever links, payload or gravity change. */
+void plant_chain_prepare(const struct plant_model *m, struct plant_chain *c);
+/* M(q), both triangles, and C(q,qd) qd + G(q); with qd = 0 the bias is the holding torque. */
+void plant_chain_terms(const struct plant_chain *c, const double *q_rad, const double *qd_radps,
+                       plant_matrix mass_kgm2, double *bias_nm);
+/* Potential energy; zero where every mass is at the height of the base's origin. */
+double plant_chain_height_j(const struct plant_chain *c, const double *q_rad);
+
+/* Factor of a symmetric positive definite matrix, of which the lower triangle is read; for
+ * plant_solve only.  Errors: -1, not positive definite; the factor is then of no use. */
+int plant_factor(int n, const plant_matrix a, plant_matrix factor);
+/* x = a^-1 b; x and b may be the same array. */
+void plant_solve(int n, const plant_matrix factor, const double *b, double *x);
+
+/* The same by single steps in base coordinates; going. */
 
 struct plant_pose {
     double rot[PLANT_JOINTS_MAX][9], pos_m[PLANT_JOINTS_MAX][3];   /* joint frames in the base */
