@@ -1,301 +1,175 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Check, reset, step and energy of the plant.
+ * Reset, step and energy of the plant.
  *
- * Step: drift half, kick, drift half (position Verlet), friction implicit in the kick.  The links'
- * mass matrix and bias torque turn slowly against the gear's ringing, so they are evaluated once per
- * REFRESH inner steps, at the pose expected in the middle of them.
+ * Verlet: drift half, kick, drift half, friction implicit in the kick.  The links' mass matrix and
+ * bias torque turn slowly against the gear's ringing, so they are evaluated once per REFRESH inner
+ * steps, at the pose expected in the middle of them.
+ *
+ * Runge-Kutta: rotors that stand and are not broken away stay fixed for the step, others keep their
+ * sense of motion for it; the mesh is where it slips to from where it was at the step's start, which
+ * makes its position a function of the stage's angles.  Order four between the steps in which
+ * something sticks or lets go; those are met to the first order.
  *
  * Owns: the integration.
  * Never: holds the physics of a part: see plant_parts.h.
  */
 #include <math.h>
-#include <stddef.h>
 #include <string.h>
 
 #include "sim/plant_parts.h"
 
-enum { REFRESH = 16, POSES = 64, POWER_STEPS = 40 };
+enum { REFRESH = 16, J = PLANT_JOINTS_MAX };
 
-/* Inner step times the fastest frequency: keeps the frequency within 1 %; unstable from 2 on. */
-static const double STEP_RAD = 0.5;
-static const double STEP_RAD_MAX = 1.5;
-static const double STEP_S_MIN = 1e-7;
+/* ---- what one instant is ---- */
 
-static double rotor_inertia(const struct plant_joint *j)
-{
-    return j->rotor_kgm2_m * j->ratio * j->ratio + j->fx_inertia_kgm2;
-}
+/* What stays the same over a block of inner steps. */
+struct block {
+    int n;
+    struct plant_chain chain;
+    double asked_m_nm[J];                 /* motor torque asked for                 */
+    double motor_nm[J];                   /* given, output side                     */
+    double outside_nm[J];                 /* contact and vibration, on the link     */
+    double inertia[J], per_ratio[J];
+    struct plant_rub rub[J];
+    struct plant_phases phases[J];
+};
 
-/* ---- check ---- */
-
-static int finite_all(const double *v, int n)
-{
-    for (int i = 0; i < n; i++)
-        if (!isfinite(v[i]))
-            return 0;
-    return 1;
-}
-
-static const char *check_frame(const struct plant_joint *j)
-{
-    if (!finite_all(j->rot, 9) || !finite_all(j->trans_m, 3) || !finite_all(j->moment_kgm, 3)
-        || !finite_all(j->inertia_kgm2, 6) || !isfinite(j->mass_kg))
-        return "link: a number is not finite";
-    for (int a = 0; a < 3; a++)
-        for (int b = 0; b < 3; b++) {
-            double sum = 0;
-            for (int k = 0; k < 3; k++)
-                sum += j->rot[3 * a + k] * j->rot[3 * b + k];
-            if (fabs(sum - (a == b)) > 1e-9)
-                return "rot: rows are not orthonormal within 1e-9";
-        }
-    if (j->mass_kg < 0)
-        return "mass_kg: negative";
-    if (!(j->q_min_rad < j->q_max_rad))
-        return "q_min_rad, q_max_rad: minimum not below maximum";
-    if (!(j->stop_nmprad >= 0 && j->stop_nmspr >= 0))
-        return "stop_nmprad, stop_nmspr: negative";
-    return NULL;
-}
-
-static const char *check_drive(const struct plant_joint *j)
-{
-    if (!(j->ratio >= 1 && isfinite(j->ratio)))
-        return "ratio: must be 1 or more";
-    for (int i = 0; i < 3; i++)
-        if (!(j->k_nmprad[i] > 0 && isfinite(j->k_nmprad[i])))
-            return "k_nmprad: torsional stiffness must be positive";
-    if (!(j->t_nm[0] >= 0 && j->t_nm[0] <= j->t_nm[1] && isfinite(j->t_nm[1])))
-        return "t_nm: must be 0 <= T1 <= T2";
-    if (!(j->damping_nmspr >= 0 && isfinite(j->damping_nmspr)))
-        return "damping_nmspr: negative";
-    if (!(j->rotor_kgm2_m > 0 && isfinite(j->rotor_kgm2_m)))
-        return "rotor_kgm2_m: must be positive";
-    if (!(rotor_inertia(j) > 0 && isfinite(rotor_inertia(j))))
-        return "fx_inertia_kgm2: takes away more inertia than the rotor has";
-    if (!(j->tau_max_m_nm > 0 && isfinite(j->tau_max_m_nm)))
-        return "tau_max_m_nm: must be positive";
-    return NULL;
-}
-
-static const char *check_friction(const struct plant_joint *j)
-{
-    for (int d = 0; d < 2; d++) {
-        const struct plant_friction *f = &j->friction[d];
-        if (!(f->f0_nm >= 0 && f->fv_nmspr >= 0 && isfinite(f->f0_nm) && isfinite(f->fv_nmspr)))
-            return "friction: f0_nm and fv_nmspr must not be negative";
-        if (!(isfinite(f->fs_nm) && f->fs_nm >= -f->f0_nm))
-            return "friction: fs_nm must not be below -f0_nm";
-        if (f->fs_nm != 0 && !(f->vc_radps > 0))
-            return "friction: vc_radps must be positive where fs_nm is used";
-    }
-    if (j->lines < 0 || j->lines > PLANT_LINES_MAX)
-        return "lines: out of 0..PLANT_LINES_MAX";
-    for (int i = 0; i < j->lines; i++) {
-        const struct plant_line *l = &j->line[i];
-        if (!isfinite(l->order_rev) || !isfinite(l->amplitude_nm) || !isfinite(l->phase_rad)
-            || l->order_rev == 0)
-            return "line: order must not be zero, all numbers finite";
-    }
-    return NULL;
-}
-
-static const char *check_imperfections(const struct plant_joint *j)
-{
-    const double all[] = { j->run_coulomb_sigma_nm, j->wander_sigma_nm,   j->wander_s,
-                           j->torque_noise_m_nm,    j->fx_load_mu,        j->fx_warm_s,
-                           j->fx_presliding_nm,     j->fx_presliding_rad, j->fx_spring_nmprad };
-    for (size_t i = 0; i < sizeof all / sizeof all[0]; i++)
-        if (!(all[i] >= 0 && isfinite(all[i])))
-            return "an imperfection or effect that must not be negative is, or is not finite";
-    if (!(j->fx_torque_gain > -1 && isfinite(j->fx_torque_gain)))
-        return "fx_torque_gain: must be above -1";
-    if (!isfinite(j->fx_spring_q0_rad))
-        return "fx_spring_q0_rad: not finite";
-    if (!(j->fx_cold_coulomb >= -1 && j->fx_cold_viscous >= -1 && isfinite(j->fx_cold_coulomb)
-          && isfinite(j->fx_cold_viscous)))
-        return "fx_cold_coulomb, fx_cold_viscous: must be -1 or more";
-    if ((j->fx_cold_coulomb != 0 || j->fx_cold_viscous != 0) && j->fx_warm_s == 0)
-        return "fx_warm_s: a cold excess needs a thermal time";
-    if (j->wander_sigma_nm > 0 && j->wander_s == 0)
-        return "wander_s: a wander needs its correlation time";
-    if (j->fx_presliding_nm > 0 && j->fx_presliding_rad == 0)
-        return "fx_presliding_rad: presliding needs its travel constant";
-    if (j->fx_presliding_nm / 2 > fmin(j->friction[0].f0_nm, j->friction[1].f0_nm))
-        return "fx_presliding_nm: more than twice the Coulomb friction there is";
-    return NULL;
-}
-
-/* Largest eigenvalue of K^1/2 (1 / J + M^-1) K^1/2, by power iteration. */
-static double fastest_square(const struct plant_model *m, const plant_matrix minv)
-{
-    double v[PLANT_JOINTS_MAX], root[PLANT_JOINTS_MAX], rotor[PLANT_JOINTS_MAX], size = 0;
-    for (int i = 0; i < m->joints; i++) {
-        const double *k = m->joint[i].k_nmprad;
-        rotor[i] = 1 / rotor_inertia(&m->joint[i]);
-        root[i] = sqrt(fmax(k[0], fmax(k[1], k[2])));
-        v[i] = 1 + 0.1 * i; /* not orthogonal to any mode by symmetry */
-    }
-    for (int step = 0; step < POWER_STEPS; step++) {
-        double next[PLANT_JOINTS_MAX], square = 0;
-        for (int i = 0; i < m->joints; i++) {
-            double sum = root[i] * v[i] * rotor[i];
-            for (int k = 0; k < m->joints; k++)
-                sum += minv[i * PLANT_JOINTS_MAX + k] * root[k] * v[k];
-            next[i] = root[i] * sum;
-            square += next[i] * next[i];
-        }
-        size = sqrt(square);
-        for (int i = 0; i < m->joints; i++)
-            v[i] = next[i] / size;
-    }
-    return size;
-}
-
-/* Fastest rate (frequency of the stiffest mode, or decay by gear damping) and least link inertia of
- * every joint over the pose space. */
-static int check_modes(const struct plant_model *m, double *rate_radps, double *inertia_kgm2)
-{
-    uint64_t rng = 1;
-    double square = 0, decay = 0;
-    for (int i = 0; i < m->joints; i++)
-        inertia_kgm2[i] = HUGE_VAL;
-    for (int p = 0; p < POSES; p++) {
-        struct plant_pose pose;
-        plant_matrix mass, minv;
-        double q[PLANT_JOINTS_MAX];
-        for (int i = 0; i < m->joints; i++)
-            q[i] = p == 0 ? 0 : 3 * plant_gauss(&rng);
-        plant_chain_pose(m, q, &pose);
-        plant_chain_mass(m, &pose, mass);
-        if (plant_invert(m->joints, mass, minv) < 0)
-            return -1;
-        square = fmax(square, fastest_square(m, minv));
-        for (int i = 0; i < m->joints; i++)
-            inertia_kgm2[i] = fmin(inertia_kgm2[i], 1 / minv[i * PLANT_JOINTS_MAX + i]);
-    }
-    for (int i = 0; i < m->joints; i++)
-        decay = fmax(decay, m->joint[i].damping_nmspr
-                                * (1 / inertia_kgm2[i] + 1 / rotor_inertia(&m->joint[i])));
-    *rate_radps = fmax(sqrt(square), decay);
-    return 0;
-}
-
-static const char *check_joints(struct plant_model *m)
-{
-    static const char *(*const check[])(const struct plant_joint *) = {
-        check_frame, check_drive, check_friction, check_imperfections
-    };
-    for (int i = 0; i < m->joints; i++)
-        for (size_t c = 0; c < sizeof check / sizeof check[0]; c++) {
-            const char *wrong = check[c](&m->joint[i]);
-            if (wrong != NULL) {
-                m->check_joint = i + 1;
-                return wrong;
-            }
-        }
-    return NULL;
-}
-
-static const char *check_all(struct plant_model *m)
-{
-    double rate_radps, inertia_kgm2[PLANT_JOINTS_MAX];
-    m->check_joint = 0;
-    if (m->joints < 1 || m->joints > PLANT_JOINTS_MAX)
-        return "joints: out of 1..PLANT_JOINTS_MAX";
-    if (!finite_all(m->gravity_mps2, 3))
-        return "gravity_mps2: not finite";
-    if (!(m->payload_kg >= 0 && isfinite(m->payload_kg)) || !finite_all(m->payload_com_m, 3))
-        return "payload_kg: negative or not finite";
-    const char *wrong = check_joints(m);
-    if (wrong != NULL)
-        return wrong;
-    if (check_modes(m, &rate_radps, inertia_kgm2) < 0)
-        return "links: the mass matrix is not positive definite; the last links need mass and "
-               "inertia";
-    if (m->step_s == 0)
-        m->step_s = STEP_RAD / rate_radps;
-    if (!(m->step_s * rate_radps <= STEP_RAD_MAX && m->step_s >= STEP_S_MIN))
-        return "step_s: too long for the stiffest mode, or below 0.1 us; 0 lets the check choose";
-    for (int i = 0; i < m->joints; i++) {
-        struct plant_joint *j = &m->joint[i];
-        if (j->stop_nmprad == 0)
-            j->stop_nmprad = j->k_nmprad[2];
-        if (j->stop_nmspr == 0) /* half of critical for the lightest pose */
-            j->stop_nmspr = sqrt(j->stop_nmprad * inertia_kgm2[i]);
-    }
-    return NULL;
-}
-
-int plant_model_check(struct plant_model *m, const char **why)
-{
-    const char *wrong = check_all(m);
-    if (why != NULL)
-        *why = wrong;
-    return wrong == NULL ? 0 : -1;
-}
-
-/* ---- reset ---- */
+/* Torques of one joint at one instant. */
+struct joint_now {
+    double mesh_rad;
+    double gear_nm, wave_nm;
+    double rotor_nm;                      /* on the rotor, before friction           */
+    double link_nm;                       /* on the link, before inertia and gravity */
+    double directed_nm;                   /* periodic friction on the rotor          */
+};
 
 static double cable_nm(const struct plant_joint *j, double q_rad)
 {
     return j->fx_spring_nmprad * (q_rad - j->fx_spring_q0_rad);
 }
 
-void plant_reset(const struct plant_model *m, struct plant_state *s, const double *q_rad,
+/* Gear, mesh and wave generator at rotor angle th and link angle q, the mesh having been at mesh. */
+static void gear_now(const struct plant_joint *j, const struct plant_periodic *p, double th, double q,
+                     double mesh, struct joint_now *now)
+{
+    if (j->soft_nm > 0) {
+        now->mesh_rad = plant_mesh_slip(j, p->directed_nm, th, q - p->error_rad, mesh);
+        now->wave_nm = plant_wave_nm(j, th - now->mesh_rad);
+        now->gear_nm = plant_gear_nm(j, now->mesh_rad + p->error_rad - q);
+        now->directed_nm = 0;
+    } else {
+        now->mesh_rad = th;
+        now->wave_nm = now->gear_nm = plant_gear_nm(j, th + p->error_rad - q);
+        now->directed_nm = p->directed_nm;
+    }
+}
+
+/* Everything on joint i at rotor angle th (output side) and speed w, link angle q and speed v;
+ * load: gear torque a moment ago, for lines that grow with it. */
+static void joint_at(const struct plant_model *m, struct block *b, int i, double th, double w,
+                     double q, double v, double mesh, double load, struct joint_now *now)
+{
+    const struct plant_joint *j = &m->joint[i];
+    struct plant_periodic p = plant_periodic_at(j, &b->phases[i], th, load, w);
+    gear_now(j, &p, th, q, mesh, now);
+    double damping = j->damping_nmspr * (w - v);
+    now->rotor_nm = b->motor_nm[i] - now->wave_nm - now->gear_nm * p.error_slope - damping
+                    - p.torque_nm;
+    now->gear_nm += damping;
+    now->link_nm = now->gear_nm - cable_nm(j, q) + plant_stop_nm(j, q, v) + b->outside_nm[i];
+}
+
+static void block_begin(const struct plant_model *m, const double *tau_m_nm, struct block *b)
+{
+    b->n = m->joints;
+    plant_chain_prepare(m, &b->chain);
+    for (int i = 0; i < b->n; i++) {
+        b->asked_m_nm[i] = tau_m_nm[i];
+        b->inertia[i] = plant_rotor_kgm2(&m->joint[i]);
+        b->per_ratio[i] = 1 / m->joint[i].ratio;
+    }
+}
+
+/* The slow things at the state's instant, for the next span_s. */
+static void block_refresh(const struct plant_model *m, const struct plant_state *s, double t_s,
+                          double span_s, struct block *b)
+{
+    for (int i = 0; i < b->n; i++) {
+        const struct plant_joint *j = &m->joint[i];
+        double turn = 6.283185307179586 * j->fx_vibration_hz * (t_s + span_s / 2);
+        b->motor_nm[i] =
+            plant_motor_nm(j, b->asked_m_nm[i], s->th_m_rad[i] * b->per_ratio[i], s->warm[i]);
+        b->outside_nm[i] = -j->fx_contact_nm;
+        if (j->fx_vibration_nm != 0)
+            b->outside_nm[i] += j->fx_vibration_nm * sin(turn + s->phase_rad[i]);
+        plant_rub_prepare(j, s, i, &b->rub[i]);
+        plant_phases_set(j, s, i, &b->phases[i]);
+    }
+}
+
+/* ---- reset ---- */
+
+/* Rotor and mesh so that the gear carries load_nm at rest and everything is in the middle of its
+ * friction. */
+static void wind_up(const struct plant_joint *j, struct plant_state *s, int i, double load_nm)
+{
+    struct plant_phases phases;
+    double behind = s->q_rad[i] + plant_gear_windup_rad(j, load_nm);
+    double ahead = j->soft_nm > 0 ? plant_wave_windup_rad(j, load_nm) : 0, error = 0;
+    for (int k = 0; k < 20; k++) { /* the error is small and flat: each round gains a digit or more */
+        s->th_m_rad[i] = j->ratio * (behind - error + ahead);
+        plant_phases_set(j, s, i, &phases);
+        error = plant_periodic_at(j, &phases, s->th_m_rad[i] / j->ratio, 0, 0).error_rad;
+    }
+    s->mesh_rad[i] = behind - error;
+    s->gear_nm[i] = s->wave_nm[i] = load_nm;
+}
+
+void plant_reset(const struct plant_model *base, struct plant_state *s, const double *q_rad,
                  uint64_t seed)
 {
-    static const double rest[PLANT_JOINTS_MAX] = { 0 };
-    struct plant_pose pose;
-    double hold_nm[PLANT_JOINTS_MAX];
+    static const double rest[J] = { 0 };
+    struct plant_model scratch;
+    const struct plant_model *m = plant_now(base, 0, &scratch);
+    struct plant_chain chain;
+    plant_matrix mass;
+    double hold_nm[J];
     memset(s, 0, sizeof *s);
     s->rng = seed;
-    plant_chain_pose(m, q_rad, &pose);
-    plant_chain_bias(m, &pose, rest, hold_nm);
+    plant_chain_prepare(m, &chain);
+    plant_chain_terms(&chain, q_rad, rest, mass, hold_nm);
     for (int i = 0; i < m->joints; i++) {
         const struct plant_joint *j = &m->joint[i];
-        double load = hold_nm[i] + cable_nm(j, q_rad[i]) - plant_stop_nm(j, q_rad[i], 0);
-        s->q_rad[i] = q_rad[i];
-        s->th_m_rad[i] = j->ratio * (q_rad[i] + plant_gear_windup_rad(j, load));
-        s->gear_nm[i] = load;
         /* drawn whether used or not: a joint's numbers do not depend on another joint's sigma */
         s->run_coulomb_nm[i] = j->run_coulomb_sigma_nm * plant_gauss(&s->rng);
         s->wander_nm[i] = j->wander_sigma_nm * plant_gauss(&s->rng);
     }
+    for (int i = 0; i < m->joints; i++) {
+        const struct plant_joint *j = &m->joint[i];
+        s->phase_rad[i] = 6.283185307179586 * plant_uniform(&s->rng);
+        s->q_rad[i] = q_rad[i];
+        wind_up(j, s, i, hold_nm[i] + cable_nm(j, q_rad[i]) - plant_stop_nm(j, q_rad[i], 0)
+                             + j->fx_contact_nm);
+    }
 }
 
-/* ---- step ---- */
+/* ---- Verlet ---- */
 
-/* What stays the same over REFRESH inner steps. */
-struct block {
-    int n;
-    plant_matrix minv;
-    double drift_radps2[PLANT_JOINTS_MAX];   /* M^-1 (C qd + G) */
-    double motor_nm[PLANT_JOINTS_MAX];       /* true motor torque, output side */
-    double inertia[PLANT_JOINTS_MAX], per_ratio[PLANT_JOINTS_MAX];
-    struct plant_rub rub[PLANT_JOINTS_MAX];
-};
+struct links { plant_matrix minv; double drift_radps2[J]; }; /* M^-1, M^-1 (C qd + G) */
 
-static void block_refresh(const struct plant_model *m, const struct plant_state *s, double span_s,
-                          struct block *b)
+static void links_at(const struct block *b, const double *q, const double *qd, struct links *l)
 {
-    struct plant_pose pose;
     plant_matrix mass;
-    double q[PLANT_JOINTS_MAX], bias[PLANT_JOINTS_MAX];
-    for (int i = 0; i < b->n; i++)
-        q[i] = s->q_rad[i] + s->qd_radps[i] * span_s / 2;
-    plant_chain_pose(m, q, &pose);
-    plant_chain_mass(m, &pose, mass);
-    plant_chain_bias(m, &pose, s->qd_radps, bias);
-    if (plant_invert(b->n, mass, b->minv) < 0)
-        memset(b->minv, 0, sizeof b->minv); /* refused by the check: links stand still */
+    double bias[J];
+    plant_chain_terms(&b->chain, q, qd, mass, bias);
+    if (plant_invert(b->n, mass, l->minv) < 0)
+        memset(l->minv, 0, sizeof l->minv); /* refused by the check: links stand still */
     for (int i = 0; i < b->n; i++) {
         double sum = 0;
         for (int k = 0; k < b->n; k++)
-            sum += b->minv[i * PLANT_JOINTS_MAX + k] * bias[k];
-        b->drift_radps2[i] = sum;
-        plant_rub_prepare(&m->joint[i], s, i, &b->rub[i]);
+            sum += l->minv[i * J + k] * bias[k];
+        l->drift_radps2[i] = sum;
     }
 }
 
@@ -307,38 +181,38 @@ static void drift(const struct block *b, struct plant_state *s, double h_s)
     }
 }
 
-/* Torque through the gear now, its damping included. */
-static double gear_now(const struct plant_joint *j, const struct plant_state *s, int i,
-                       double per_ratio)
+static void kick_rotor(const struct plant_model *m, struct plant_state *s, struct block *b, int i,
+                       double h_s, double *link_nm)
 {
-    return plant_gear_nm(j, s->th_m_rad[i] * per_ratio - s->q_rad[i])
-           + j->damping_nmspr * (s->thd_m_radps[i] * per_ratio - s->qd_radps[i]);
+    const struct plant_joint *j = &m->joint[i];
+    double speed = s->thd_m_radps[i] * b->per_ratio[i];
+    struct joint_now now;
+    joint_at(m, b, i, s->th_m_rad[i] * b->per_ratio[i], speed, s->q_rad[i], s->qd_radps[i],
+             s->mesh_rad[i], s->gear_nm[i], &now);
+    s->mesh_rad[i] = now.mesh_rad;
+    s->gear_nm[i] = now.gear_nm;
+    s->wave_nm[i] = now.wave_nm;
+    *link_nm = now.link_nm;
+    if (s->locked >> i & 1) {
+        s->thd_m_radps[i] = 0;
+        s->friction_nm[i] = now.rotor_nm;
+        return;
+    }
+    struct plant_kick k = { h_s, b->inertia[i], now.rotor_nm, now.gear_nm, now.directed_nm };
+    s->thd_m_radps[i] =
+        j->ratio * plant_rub_kick(j, &b->rub[i], &k, speed, &s->dahl_nm[i], &s->friction_nm[i]);
 }
 
-static void inner_step(const struct plant_model *m, struct plant_state *s, const struct block *b,
-                       double h_s)
+static void verlet_step(const struct plant_model *m, struct plant_state *s, struct block *b,
+                        const struct links *l, double h_s)
 {
-    double link_nm[PLANT_JOINTS_MAX];
+    double link_nm[J];
     drift(b, s, h_s / 2);
+    for (int i = 0; i < b->n; i++)
+        kick_rotor(m, s, b, i, h_s, &link_nm[i]);
     for (int i = 0; i < b->n; i++) {
-        const struct plant_joint *j = &m->joint[i];
-        double gear = gear_now(j, s, i, b->per_ratio[i]);
-        struct plant_kick k = { h_s, b->inertia[i], b->motor_nm[i] - gear, gear };
-        link_nm[i] =
-            gear - cable_nm(j, s->q_rad[i]) + plant_stop_nm(j, s->q_rad[i], s->qd_radps[i]);
-        if (s->locked >> i & 1) {
-            s->thd_m_radps[i] = 0;
-            s->friction_nm[i] = k.drive_nm;
-            continue;
-        }
-        double speed =
-            plant_rub_kick(j, &b->rub[i], &k, s->th_m_rad[i] * b->per_ratio[i],
-                           s->thd_m_radps[i] * b->per_ratio[i], &s->dahl_nm[i], &s->friction_nm[i]);
-        s->thd_m_radps[i] = speed * j->ratio;
-    }
-    for (int i = 0; i < b->n; i++) {
-        const double *row = b->minv + i * PLANT_JOINTS_MAX;
-        double sum = -b->drift_radps2[i];
+        const double *row = l->minv + i * J;
+        double sum = -l->drift_radps2[i];
         for (int k = 0; k < b->n; k++)
             sum += row[k] * link_nm[k];
         s->qd_radps[i] += h_s * sum;
@@ -346,57 +220,213 @@ static void inner_step(const struct plant_model *m, struct plant_state *s, const
     drift(b, s, h_s / 2);
 }
 
-static double cut(double value, double limit)
+static void verlet_block(const struct plant_model *m, struct plant_state *s, struct block *b,
+                         double t_s, int count, double h_s)
 {
-    return value > limit ? limit : value < -limit ? -limit : value == value ? value : 0;
+    struct links l;
+    double q[J];
+    block_refresh(m, s, t_s, count * h_s, b);
+    for (int i = 0; i < b->n; i++)
+        q[i] = s->q_rad[i] + s->qd_radps[i] * count * h_s / 2;
+    links_at(b, q, s->qd_radps, &l);
+    for (int k = 0; k < count; k++)
+        verlet_step(m, s, b, &l, h_s);
 }
 
-void plant_step(const struct plant_model *m, struct plant_state *s, const double *tau_m_nm,
+/* ---- Runge-Kutta ---- */
+
+/* What is integrated, output side, and its rates. */
+struct motion { double q[J], qd[J], th[J], w[J], dahl[J]; };
+
+/* What is fixed for one step: sense of every rotor, 0: it stands. */
+struct sticking { double sense[J]; };
+
+static void motion_add(int n, const struct motion *a, const struct motion *rate, double h,
+                       struct motion *out)
+{
+    for (int i = 0; i < n; i++) {
+        out->q[i] = a->q[i] + h * rate->q[i];
+        out->qd[i] = a->qd[i] + h * rate->qd[i];
+        out->th[i] = a->th[i] + h * rate->th[i];
+        out->w[i] = a->w[i] + h * rate->w[i];
+        out->dahl[i] = a->dahl[i] + h * rate->dahl[i];
+    }
+}
+
+static double rotor_rate(const struct plant_joint *j, const struct block *b, int i, double sense,
+                         const struct motion *x, const struct joint_now *now, double *friction_nm)
+{
+    double along = sense * x->w[i];
+    double dry = plant_rub_dry_nm(j, &b->rub[i], sense, along, now->gear_nm, now->directed_nm);
+    *friction_nm = sense * (dry + b->rub[i].viscous_nmspr[sense < 0] * along) + x->dahl[i];
+    return (now->rotor_nm - *friction_nm) / b->inertia[i];
+}
+
+/* Rates at x; the friction, gear and wave torques go into s as outputs. */
+static void rates(const struct plant_model *m, struct block *b, struct plant_state *s,
+                  const struct sticking *st, const struct motion *x, struct motion *rate)
+{
+    plant_matrix mass, factor;
+    double bias[J], link_nm[J];
+    for (int i = 0; i < b->n; i++) {
+        const struct plant_joint *j = &m->joint[i];
+        struct joint_now now;
+        joint_at(m, b, i, x->th[i], x->w[i], x->q[i], x->qd[i], s->mesh_rad[i], s->gear_nm[i], &now);
+        link_nm[i] = now.link_nm;
+        rate->q[i] = x->qd[i];
+        rate->th[i] = x->w[i];
+        rate->w[i] = rate->dahl[i] = 0;
+        s->friction_nm[i] = now.rotor_nm;
+        if (st->sense[i] == 0)
+            continue;
+        rate->w[i] = rotor_rate(j, b, i, st->sense[i], x, &now, &s->friction_nm[i]);
+        if (b->rub[i].elastic_nm > 0)
+            rate->dahl[i] = fabs(x->w[i]) / j->fx_presliding_rad
+                            * (st->sense[i] * b->rub[i].elastic_nm - x->dahl[i]);
+    }
+    plant_chain_terms(&b->chain, x->q, x->qd, mass, bias);
+    for (int i = 0; i < b->n; i++)
+        link_nm[i] -= bias[i];
+    if (plant_factor(b->n, mass, factor) < 0)
+        memset(rate->qd, 0, sizeof rate->qd); /* refused by the check */
+    else
+        plant_solve(b->n, factor, link_nm, rate->qd);
+}
+
+/* Which way every rotor goes in the step from x: as it goes, or as it is broken away. */
+static void decide(const struct plant_model *m, struct block *b, struct plant_state *s,
+                   const struct motion *x, struct sticking *st)
+{
+    for (int i = 0; i < b->n; i++) {
+        struct joint_now now;
+        st->sense[i] = x->w[i] > 0 ? 1 : x->w[i] < 0 ? -1 : 0;
+        if (s->locked >> i & 1)
+            st->sense[i] = 0;
+        else if (st->sense[i] == 0) {
+            joint_at(m, b, i, x->th[i], 0, x->q[i], x->qd[i], s->mesh_rad[i], s->gear_nm[i], &now);
+            double drive = now.rotor_nm - x->dahl[i], sense = drive < 0 ? -1 : 1;
+            double dry = plant_rub_dry_nm(&m->joint[i], &b->rub[i], sense, 0, now.gear_nm,
+                                          now.directed_nm);
+            st->sense[i] = fabs(drive) > dry ? sense : 0;
+        }
+    }
+}
+
+static void settle(const struct plant_model *m, struct block *b, struct plant_state *s,
+                   const struct sticking *st, const struct motion *x)
+{
+    for (int i = 0; i < b->n; i++) {
+        const struct plant_joint *j = &m->joint[i];
+        double w = st->sense[i] * x->w[i] > 0 ? x->w[i] : 0; /* it came to rest within the step */
+        struct joint_now now;
+        joint_at(m, b, i, x->th[i], w, x->q[i], x->qd[i], s->mesh_rad[i], s->gear_nm[i], &now);
+        s->q_rad[i] = x->q[i];
+        s->qd_radps[i] = x->qd[i];
+        s->th_m_rad[i] = x->th[i] * j->ratio;
+        s->thd_m_radps[i] = w * j->ratio;
+        s->dahl_nm[i] = x->dahl[i];
+        s->mesh_rad[i] = now.mesh_rad;
+        s->gear_nm[i] = now.gear_nm;
+        s->wave_nm[i] = now.wave_nm;
+    }
+}
+
+static void rk4_step(const struct plant_model *m, struct plant_state *s, struct block *b, double t_s,
+                     double h_s)
+{
+    static const double at[] = { 0, 0.5, 0.5, 1 }, weight[] = { 1, 2, 2, 1 };
+    struct motion x, stage, rate, sum;
+    struct sticking st;
+    memset(&sum, 0, sizeof sum);
+    memset(&rate, 0, sizeof rate);
+    block_refresh(m, s, t_s, h_s, b);
+    for (int i = 0; i < b->n; i++) {
+        x.q[i] = s->q_rad[i];
+        x.qd[i] = s->qd_radps[i];
+        x.th[i] = s->th_m_rad[i] * b->per_ratio[i];
+        x.w[i] = s->locked >> i & 1 ? 0 : s->thd_m_radps[i] * b->per_ratio[i];
+        x.dahl[i] = s->dahl_nm[i];
+    }
+    decide(m, b, s, &x, &st);
+    for (int k = 0; k < 4; k++) {
+        motion_add(b->n, &x, &rate, at[k] * h_s, &stage);
+        rates(m, b, s, &st, &stage, &rate);
+        motion_add(b->n, &sum, &rate, weight[k] / 6, &sum);
+    }
+    motion_add(b->n, &x, &sum, h_s, &x);
+    settle(m, b, s, &st, &x);
+}
+
+/* ---- step ---- */
+
+void plant_step(const struct plant_model *base, struct plant_state *s, const double *tau_m_nm,
                 double dt_s)
 {
     if (!(dt_s > 0))
         return;
-    struct block b = { .n = m->joints };
-    for (int i = 0; i < b.n; i++) {
-        const struct plant_joint *j = &m->joint[i];
-        b.motor_nm[i] = j->ratio * (1 + j->fx_torque_gain) * cut(tau_m_nm[i], j->tau_max_m_nm);
-        b.inertia[i] = rotor_inertia(j);
-        b.per_ratio[i] = 1 / j->ratio;
-    }
+    struct plant_model scratch;
+    const struct plant_model *m = plant_now(base, s->t_s, &scratch);
+    struct block b;
+    block_begin(m, tau_m_nm, &b);
     /* a last sliver of a step from rounding is not worth a step */
-    long steps = (long)ceil(dt_s / m->step_s - 1e-6);
+    long steps = (long)ceil(dt_s / m->step_s - 1e-6), done = 0;
     steps = steps < 1 ? 1 : steps;
     double h_s = dt_s / (double)steps;
-    while (steps > 0) {
-        int count = steps < REFRESH ? (int)steps : REFRESH;
-        block_refresh(m, s, count * h_s, &b);
-        for (int k = 0; k < count; k++)
-            inner_step(m, s, &b, h_s);
+    while (done < steps) {
+        long left = steps - done;
+        int count = m->integrator == PLANT_RK4 ? 1 : left < REFRESH ? (int)left : REFRESH;
+        double t_s = s->t_s + (double)done * h_s;
+        if (m->integrator == PLANT_RK4)
+            rk4_step(m, s, &b, t_s, h_s);
+        else
+            verlet_block(m, s, &b, t_s, count, h_s);
         for (int i = 0; i < b.n; i++)
             plant_rub_age(&m->joint[i], s, i, count * h_s);
-        steps -= count;
+        done += count;
     }
-    for (int i = 0; i < b.n; i++)
-        s->gear_nm[i] = gear_now(&m->joint[i], s, i, b.per_ratio[i]);
+    if (m->integrator == PLANT_VERLET)
+        for (int i = 0; i < b.n; i++) {
+            struct joint_now now;
+            joint_at(m, &b, i, s->th_m_rad[i] * b.per_ratio[i], s->thd_m_radps[i] * b.per_ratio[i],
+                     s->q_rad[i], s->qd_radps[i], s->mesh_rad[i], s->gear_nm[i], &now);
+            s->mesh_rad[i] = now.mesh_rad;
+            s->gear_nm[i] = now.gear_nm;
+            s->wave_nm[i] = now.wave_nm;
+        }
     s->t_s += dt_s;
 }
 
-double plant_energy_j(const struct plant_model *m, const struct plant_state *s)
+/* ---- energy ---- */
+
+static double springs_j(const struct plant_joint *j, const struct plant_state *s, int i)
 {
-    struct plant_pose pose;
+    struct plant_phases phases;
+    double angle = s->th_m_rad[i] / j->ratio, stretch = s->q_rad[i] - j->fx_spring_q0_rad;
+    plant_phases_set(j, s, i, &phases);
+    double error = plant_periodic_at(j, &phases, angle, 0, 0).error_rad;
+    double mesh = j->soft_nm > 0 ? s->mesh_rad[i] : angle;
+    double energy = plant_gear_energy_j(j, mesh + error - s->q_rad[i])
+                    + j->fx_spring_nmprad * stretch * stretch / 2 + plant_lines_energy_j(j, angle)
+                    + plant_stop_energy_j(j, s->q_rad[i]);
+    return j->soft_nm > 0 ? energy + plant_wave_energy_j(j, angle - mesh) : energy;
+}
+
+double plant_energy_j(const struct plant_model *base, const struct plant_state *s)
+{
+    struct plant_model scratch;
+    const struct plant_model *m = plant_now(base, s->t_s, &scratch);
+    struct plant_chain chain;
     plant_matrix mass;
-    plant_chain_pose(m, s->q_rad, &pose);
-    plant_chain_mass(m, &pose, mass);
-    double energy = plant_chain_potential_j(m, &pose);
+    double bias[J];
+    plant_chain_prepare(m, &chain);
+    plant_chain_terms(&chain, s->q_rad, s->qd_radps, mass, bias);
+    double energy = plant_chain_height_j(&chain, s->q_rad);
     for (int i = 0; i < m->joints; i++) {
         const struct plant_joint *j = &m->joint[i];
-        double angle = s->th_m_rad[i] / j->ratio, speed = s->thd_m_radps[i] / j->ratio;
-        double stretch = s->q_rad[i] - j->fx_spring_q0_rad;
+        double speed = s->thd_m_radps[i] / j->ratio;
         for (int k = 0; k < m->joints; k++)
-            energy += s->qd_radps[i] * mass[i * PLANT_JOINTS_MAX + k] * s->qd_radps[k] / 2;
-        energy += rotor_inertia(j) * speed * speed / 2 + plant_gear_energy_j(j, angle - s->q_rad[i])
-                  + j->fx_spring_nmprad * stretch * stretch / 2 + plant_lines_energy_j(j, angle)
-                  + plant_stop_energy_j(j, s->q_rad[i]);
+            energy += s->qd_radps[i] * mass[i * J + k] * s->qd_radps[k] / 2;
+        energy += plant_rotor_kgm2(j) * speed * speed / 2 + springs_j(j, s, i);
     }
     return energy;
 }

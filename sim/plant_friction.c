@@ -1,71 +1,95 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Friction of one rotor: two-sided Stribeck with true stiction, periodic lines, and the slow and
- * hidden effects that ride on it (run scatter, wander, cold start, load, presliding).
+ * Friction of one rotor: two-sided Stribeck with true stiction, and the slow and hidden effects that
+ * ride on it (run scatter, wander, cold start, load, presliding, dwell, dry spot, drag).
  *
  * Owns: the friction law and its implicit solution; the random numbers of the plant.
- * Never: knows the chain.
+ * Never: knows the chain or the mesh.
  */
 #include <math.h>
 
 #include "sim/plant_parts.h"
 
+static double dwell_nm(const struct plant_joint *j, const struct plant_state *s, int index)
+{
+    if (j->fx_dwell_nm == 0)
+        return 0;
+    return j->fx_dwell_nm * log10(1 + s->still_s[index]) * exp(-s->since_rad[index] / j->fx_dwell_rad);
+}
+
+static double local_nm(const struct plant_joint *j, double angle_rad)
+{
+    if (j->fx_local_nm == 0)
+        return 0;
+    double x = (angle_rad - j->fx_local_rad) / j->fx_local_width_rad;
+    return j->fx_local_nm * exp(-x * x);
+}
+
 void plant_rub_prepare(const struct plant_joint *j, const struct plant_state *s, int index,
                        struct plant_rub *rub)
 {
     double cold = j->fx_warm_s > 0 ? 1 - s->warm[index] : 0;
+    double more_nm = s->run_coulomb_nm[index] + s->wander_nm[index] + j->fx_drag_nm
+                     + dwell_nm(j, s, index) + local_nm(j, s->th_m_rad[index] / j->ratio);
     rub->elastic_nm = j->fx_presliding_nm / 2;
     for (int d = 0; d < 2; d++) {
         const struct plant_friction *f = &j->friction[d];
-        rub->coulomb_nm[d] = f->f0_nm * (1 + j->fx_cold_coulomb * cold) + s->run_coulomb_nm[index]
-                             + s->wander_nm[index] - rub->elastic_nm;
+        /* grease is cold in the mesh too; all of its excess is taken to be on the rotor */
+        double cold_nm = (f->f0_nm + j->mesh.drive_nm) * j->fx_cold_coulomb * cold;
+        rub->coulomb_nm[d] = f->f0_nm + cold_nm + more_nm - rub->elastic_nm;
         rub->viscous_nmspr[d] = f->fv_nmspr * (1 + j->fx_cold_viscous * cold);
     }
 }
 
-/* What load and periodic lines add to the friction magnitude, and what lines take as torque whatever
- * the direction. */
-struct extra { double friction_nm, torque_nm; };
-
-static struct extra extras(const struct plant_joint *j, const struct plant_kick *k, double angle_rad)
+double plant_rub_dry_nm(const struct plant_joint *j, const struct plant_rub *rub, double sense,
+                        double along_radps, double gear_nm, double directed_nm)
 {
-    struct extra x = { j->fx_load_mu * fabs(k->gear_nm), 0 };
-    for (int i = 0; i < j->lines; i++) {
-        double value =
-            j->line[i].amplitude_nm * sin(j->line[i].order_rev * angle_rad + j->line[i].phase_rad);
-        if (j->line[i].directed)
-            x.friction_nm += value;
-        else
-            x.torque_nm += value;
-    }
-    return x;
+    const struct plant_friction *f = &j->friction[sense < 0];
+    double v = along_radps > 0 ? along_radps : 0;
+    double dry = rub->coulomb_nm[sense < 0] + directed_nm + j->fx_load_mu * fabs(gear_nm)
+                 + j->fx_drive_mu * fmax(0, sense * gear_nm);
+    if (f->fs_nm != 0 && v > 0)
+        dry += f->fs_nm * (1 - exp(-v / f->vc_radps));
+    if (j->fx_slow_nm != 0)
+        dry += j->fx_slow_nm * exp(-v / j->fx_slow_radps);
+    dry += j->fx_quadratic_nms2prad2 * v * v;
+    return dry > 0 ? dry : 0;
 }
 
 double plant_rub_kick(const struct plant_joint *j, const struct plant_rub *rub,
-                      const struct plant_kick *k, double angle_rad, double speed_radps,
-                      double *dahl_nm, double *friction_nm)
+                      const struct plant_kick *k, double speed_radps, double *dahl_nm,
+                      double *friction_nm)
 {
-    struct extra x = extras(j, k, angle_rad);
     double gain = k->h_s / k->inertia_kgm2;
     double elastic = *dahl_nm; /* stays zero without presliding */
-    double free_radps = speed_radps + gain * (k->drive_nm - x.torque_nm - elastic);
-    int d = free_radps < 0;
-    double sense = d ? -1 : 1;
+    double free_radps = speed_radps + gain * (k->drive_nm - elastic);
+    double sense = free_radps < 0 ? -1 : 1;
 
     /* the curved part at the speed before: it is smooth and small against the set-valued part */
-    const struct plant_friction *f = &j->friction[d];
-    double along = speed_radps * sense;
-    double curved = along > 0 && f->fs_nm != 0 ? f->fs_nm * (1 - exp(-along / f->vc_radps)) : 0;
-    double dry = fmax(0, rub->coulomb_nm[d] + x.friction_nm + curved);
-
+    double dry =
+        plant_rub_dry_nm(j, rub, sense, speed_radps * sense, k->gear_nm, k->directed_nm);
     double left = sense * free_radps - gain * dry;
-    double speed = left > 0 ? sense * left / (1 + gain * rub->viscous_nmspr[d]) : 0;
+    double speed = left > 0 ? sense * left / (1 + gain * rub->viscous_nmspr[sense < 0]) : 0;
     *friction_nm = (free_radps - speed) / gain + elastic;
     if (rub->elastic_nm > 0) {
         double share = fmin(1, fabs(speed) * k->h_s / j->fx_presliding_rad);
         *dahl_nm += share * (sense * rub->elastic_nm - *dahl_nm);
     }
     return speed;
+}
+
+/* How long it stood last, and how far it has come since. */
+static void age_stand(struct plant_state *s, int index, double ratio, double dt_s)
+{
+    double moved = fabs(s->thd_m_radps[index]) / ratio * dt_s;
+    if (moved > 0) {
+        s->since_rad[index] += moved;
+    } else {
+        if (s->since_rad[index] > 0)
+            s->still_s[index] = 0;
+        s->since_rad[index] = 0;
+        s->still_s[index] += dt_s;
+    }
 }
 
 void plant_rub_age(const struct plant_joint *j, struct plant_state *s, int index, double dt_s)
@@ -77,16 +101,8 @@ void plant_rub_age(const struct plant_joint *j, struct plant_state *s, int index
         s->wander_nm[index] = keep * s->wander_nm[index]
                               + j->wander_sigma_nm * sqrt(1 - keep * keep) * plant_gauss(&s->rng);
     }
-}
-
-double plant_lines_energy_j(const struct plant_joint *j, double angle_rad)
-{
-    double energy = 0;
-    for (int i = 0; i < j->lines; i++)
-        if (!j->line[i].directed)
-            energy -= j->line[i].amplitude_nm / j->line[i].order_rev
-                      * cos(j->line[i].order_rev * angle_rad + j->line[i].phase_rad);
-    return energy;
+    if (j->fx_dwell_nm != 0)
+        age_stand(s, index, j->ratio, dt_s);
 }
 
 /* SplitMix64 */
@@ -98,10 +114,15 @@ static uint64_t random_bits(uint64_t *rng)
     return z ^ (z >> 31);
 }
 
+double plant_uniform(uint64_t *rng)
+{
+    return (double)((random_bits(rng) >> 11) + 1) * 0x1p-53;
+}
+
 double plant_gauss(uint64_t *rng)
 {
     /* Box-Muller; the first draw is in (0, 1] so that the logarithm is finite */
-    double a = (double)((random_bits(rng) >> 11) + 1) * 0x1p-53;
+    double a = plant_uniform(rng);
     double b = (double)(random_bits(rng) >> 11) * 0x1p-53;
     return sqrt(-2 * log(a)) * cos(6.283185307179586 * b);
 }

@@ -1,10 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The gear as a spring: three lines of torque over wind-up, odd, as the catalogue gives them; and
- * the end stops of the link.
+ * The gear: flexspline as three lines of torque over wind-up, odd, as the catalogue gives them; wave
+ * generator as a spring that is soft near zero; the mesh between them, which slides with friction;
+ * the kinematic error; and the end stops of the link.
  *
- * Owns: torque, wind-up and energy of gear and stop.
- * Never: knows friction or time.
+ * The mesh is a Jenkins element with springs on both sides: it sticks while the two springs differ
+ * by less than the loss, and gives way just so far that they differ by the loss.  Its position is
+ * all the memory the gear has.
+ *
+ * Owns: torque, wind-up and energy of gear, mesh and stop.
+ * Never: knows the rotor's friction or time.
  */
 #include <math.h>
 
@@ -45,6 +50,126 @@ double plant_gear_energy_j(const struct plant_joint *j, double delta_rad)
         energy += (t * t - t2 * t2) / (2 * j->k_nmprad[2]);
     return energy;
 }
+
+/* ---- wave generator ---- */
+
+double plant_wave_nm(const struct plant_joint *j, double windup_rad)
+{
+    double d = fabs(windup_rad), edge = j->soft_nm / j->soft_nmprad;
+    double torque = d <= edge ? j->soft_nmprad * d : j->soft_nm + j->hard_nmprad * (d - edge);
+    return windup_rad < 0 ? -torque : torque;
+}
+
+double plant_wave_windup_rad(const struct plant_joint *j, double torque_nm)
+{
+    double t = fabs(torque_nm), d = fmin(t, j->soft_nm) / j->soft_nmprad;
+    if (t > j->soft_nm)
+        d += (t - j->soft_nm) / j->hard_nmprad;
+    return torque_nm < 0 ? -d : d;
+}
+
+double plant_wave_energy_j(const struct plant_joint *j, double windup_rad)
+{
+    double t = fabs(plant_wave_nm(j, windup_rad)), a = fmin(t, j->soft_nm);
+    double energy = a * a / (2 * j->soft_nmprad);
+    if (t > j->soft_nm)
+        energy += (t * t - j->soft_nm * j->soft_nm) / (2 * j->hard_nmprad);
+    return energy;
+}
+
+/* ---- mesh ---- */
+
+/* Value and slope of a piecewise linear law. */
+struct slope { double value, slope; };
+
+static struct slope wave_at(const struct plant_joint *j, double windup_rad)
+{
+    double edge = j->soft_nm / j->soft_nmprad;
+    if (fabs(windup_rad) <= edge)
+        return (struct slope){ j->soft_nmprad * windup_rad, j->soft_nmprad };
+    double beyond = windup_rad > 0 ? windup_rad - edge : windup_rad + edge;
+    return (struct slope){ (windup_rad > 0 ? j->soft_nm : -j->soft_nm) + j->hard_nmprad * beyond,
+                           j->hard_nmprad };
+}
+
+static struct slope gear_at(const struct plant_joint *j, double windup_rad)
+{
+    const double *k = j->k_nmprad;
+    double d = fabs(windup_rad), d1 = j->t_nm[0] / k[0], d2 = d1 + (j->t_nm[1] - j->t_nm[0]) / k[1];
+    struct slope g = d <= d1   ? (struct slope){ k[0] * d, k[0] }
+                     : d <= d2 ? (struct slope){ j->t_nm[0] + k[1] * (d - d1), k[1] }
+                               : (struct slope){ j->t_nm[1] + k[2] * (d - d2), k[2] };
+    if (windup_rad < 0)
+        g.value = -g.value;
+    return g;
+}
+
+/* Loss over wave torque along the motion; of the periodic part half goes with the leading flank. */
+static struct slope loss_at(const struct plant_joint *j, double ripple_nm, double along_nm)
+{
+    const struct plant_mesh *m = &j->mesh;
+    double soft = j->soft_nm, drive = m->drive_nm + ripple_nm, back = m->back_nm + ripple_nm / 2;
+    struct slope l;
+    if (along_nm >= soft) {
+        l = (struct slope){ drive + m->drive_load * (along_nm - soft), m->drive_load };
+    } else if (along_nm <= -soft) {
+        l = (struct slope){ back - m->back_load * (along_nm + soft), -m->back_load };
+    } else {
+        double rate = (drive - back) / (2 * soft);
+        l = (struct slope){ back + rate * (along_nm + soft), rate };
+    }
+    return l.value > 0 ? l : (struct slope){ 0, 0 };
+}
+
+double plant_mesh_loss_nm(const struct plant_joint *j, double ripple_nm, double along_nm)
+{
+    return loss_at(j, ripple_nm, along_nm).value;
+}
+
+/* What is left of the wave torque behind the mesh, less the gear's torque, at wave wind-up a of a
+ * total of all; for motion along +. */
+static struct slope surplus_at(const struct plant_joint *j, double ripple_nm, double all, double a)
+{
+    struct slope w = wave_at(j, a), l = loss_at(j, ripple_nm, w.value), g = gear_at(j, all - a);
+    return (struct slope){ w.value - l.value - g.value, w.slope * (1 - l.slope) + g.slope };
+}
+
+/* Root of the surplus, which rises with a: Newton's method lands on the root as soon as it is on
+ * the right piece; bisection where it does not settle. */
+static double slide(const struct plant_joint *j, double ripple_nm, double all, double a)
+{
+    enum { NEWTON = 8, BISECT = 60 };
+    double scale = 1e-12 * (j->soft_nm + j->t_nm[1] + 1);
+    for (int i = 0; i < NEWTON; i++) {
+        struct slope s = surplus_at(j, ripple_nm, all, a);
+        if (fabs(s.value) <= scale)
+            return a;
+        a -= s.value / s.slope;
+    }
+    double span = fabs(all) + plant_wave_windup_rad(j, j->mesh.drive_nm + j->soft_nm) + 1e-3;
+    double low = fmin(all, 0) - span, high = fmax(all, 0) + span;
+    for (int i = 0; i < BISECT; i++) {
+        a = (low + high) / 2;
+        if (surplus_at(j, ripple_nm, all, a).value > 0)
+            high = a;
+        else
+            low = a;
+    }
+    return a;
+}
+
+double plant_mesh_slip(const struct plant_joint *j, double ripple_nm, double angle_rad,
+                       double output_rad, double mesh_rad)
+{
+    double a = angle_rad - mesh_rad, all = angle_rad - output_rad;
+    double wave = wave_at(j, a).value, surplus = wave - gear_at(j, all - a).value;
+    double sense = surplus < 0 ? -1 : 1;
+    if (sense * surplus <= loss_at(j, ripple_nm, sense * wave).value)
+        return mesh_rad;
+    return angle_rad - sense * slide(j, ripple_nm, sense * all, sense * a);
+}
+
+/* ---- end stops ---- */
 
 static double stop_depth(const struct plant_joint *j, double q_rad)
 {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The parts plant.c is put together from: chain, gear, friction, random numbers.
+ * The parts plant.c is put together from: chain, gear, lines, motor, friction, random numbers.
  *
  * Owns: the interfaces inside the plant; tests look in here, other rooms use plant.h.
  * Never: keeps state of its own.
@@ -13,6 +13,9 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+
+/* plant_check.c: rotor and what turns with it, output side. */
+double plant_rotor_kgm2(const struct plant_joint *j);
 
 /* plant_chain.c: rigid links. */
 
@@ -72,42 +75,83 @@ double plant_chain_potential_j(const struct plant_model *m, const struct plant_p
 /* Inverse of a symmetric positive definite matrix.  Errors: -1, not positive definite. */
 int plant_invert(int n, const plant_matrix a, plant_matrix inverse);
 
-/* plant_gear.c: the piecewise linear spring, and the end stop. */
+/* plant_gear.c: flexspline, wave generator, mesh, end stop. */
 
 double plant_gear_nm(const struct plant_joint *j, double delta_rad);
 double plant_gear_windup_rad(const struct plant_joint *j, double torque_nm);
 double plant_gear_energy_j(const struct plant_joint *j, double delta_rad);
+/* The same of the wave generator; only for joints with a mesh (soft_nm above zero). */
+double plant_wave_nm(const struct plant_joint *j, double windup_rad);
+double plant_wave_windup_rad(const struct plant_joint *j, double torque_nm);
+double plant_wave_energy_j(const struct plant_joint *j, double windup_rad);
+/* Loss at a wave torque along the motion; ripple_nm: sum of the directed lines now. */
+double plant_mesh_loss_nm(const struct plant_joint *j, double ripple_nm, double along_nm);
+/* Where the mesh is now that the rotor is at angle_rad and the link at output_rad (kinematic error
+ * taken off), having been at mesh_rad. */
+double plant_mesh_slip(const struct plant_joint *j, double ripple_nm, double angle_rad,
+                       double output_rad, double mesh_rad);
 /* Torque on the link, pointing inwards; zero inside the range. */
 double plant_stop_nm(const struct plant_joint *j, double q_rad, double qd_radps);
 double plant_stop_energy_j(const struct plant_joint *j, double q_rad);
 
-/* plant_friction.c: everything that rubs on the motor side, referred to the output. */
+/* plant_lines.c: what repeats with the wave generator. */
+
+/* Sine and cosine of one line, carried along a small turn by polynomials. */
+struct plant_phase { double at_rad, sine, cosine; };
+
+struct plant_phases {
+    double from_rad;                  /* rotor angle the phases belong to, output side */
+    struct plant_phase line[PLANT_LINES_MAX], error[PLANT_ERRORS_MAX];
+};
+
+/* What the lines and errors of a joint come to at one angle. */
+struct plant_periodic {
+    double directed_nm, torque_nm;    /* friction more; torque the motor must give more */
+    double error_rad, error_slope;    /* e and de/dth, output side                       */
+};
+
+/* Anew at the state's angle. */
+void plant_phases_set(const struct plant_joint *j, const struct plant_state *s, int index,
+                      struct plant_phases *p);
+/* Carried on to angle_rad, within 1e-9 however far; gear_nm and speed_radps scale the amplitudes. */
+struct plant_periodic plant_periodic_at(const struct plant_joint *j, struct plant_phases *p,
+                                        double angle_rad, double gear_nm, double speed_radps);
+double plant_lines_energy_j(const struct plant_joint *j, double angle_rad);
+
+/* plant_motor.c: what the motor gives, output side, for a motor-side torque asked for. */
+double plant_motor_nm(const struct plant_joint *j, double tau_m_nm, double angle_rad, double warm);
+
+/* plant_friction.c: what rubs on the rotor, referred to the output. */
 
 /* Friction of one joint as far as it does not change within a few inner steps. */
 struct plant_rub {
-    double coulomb_nm[2];             /* run scatter, wander, cold excess included; elastic part taken out */
+    double coulomb_nm[2];             /* run scatter, wander, cold excess, drag, dwell, dry spot included; elastic part taken out */
     double viscous_nmspr[2];
     double elastic_nm;                /* Dahl part */
 };
 
-/* What one rotor feels in one inner step. */
+/* What one rotor feels in one inner step; torques before friction. */
 struct plant_kick {
     double h_s, inertia_kgm2;         /* output side */
-    double drive_nm;                  /* motor torque and gear, before lines and friction */
-    double gear_nm;
+    double drive_nm, gear_nm;         /* sum of torques on the rotor; the gear's alone */
+    double directed_nm;               /* periodic friction, where there is no mesh */
 };
 
 void plant_rub_prepare(const struct plant_joint *j, const struct plant_state *s, int index, struct plant_rub *rub);
+/* Magnitude along sense (-1, 1) at this speed along it, zero or more, without viscous and elastic part. */
+double plant_rub_dry_nm(const struct plant_joint *j, const struct plant_rub *rub, double sense,
+                        double along_radps, double gear_nm, double directed_nm);
 /* Speed after the kick; *dahl_nm is advanced, *friction_nm is what acted.  Friction is solved
  * implicitly, so a rotor the torques cannot break away stays at exactly zero. */
 double plant_rub_kick(const struct plant_joint *j, const struct plant_rub *rub, const struct plant_kick *k,
-                      double angle_rad, double speed_radps, double *dahl_nm, double *friction_nm);
-/* Slow states over dt: warming, wander. */
+                      double speed_radps, double *dahl_nm, double *friction_nm);
+/* Slow states over dt: warming, wander, stand and travel. */
 void plant_rub_age(const struct plant_joint *j, struct plant_state *s, int index, double dt_s);
-double plant_lines_energy_j(const struct plant_joint *j, double angle_rad);
 
-/* Standard normal from a 64-bit state; the same on every machine up to libm's last digit. */
+/* Standard normal, and uniform over (0, 1], from a 64-bit state; the same on every machine up to libm's
+ * last digit. */
 double plant_gauss(uint64_t *rng);
+double plant_uniform(uint64_t *rng);
 
 #ifdef __cplusplus
 }

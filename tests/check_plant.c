@@ -631,8 +631,8 @@ START_TEST(test_reported_friction_closes_the_balance_of_the_rotor)
     m.joint[0].fx_load_mu = 0.05;
     m.joint[0].fx_presliding_nm = 8;
     m.joint[0].fx_presliding_rad = 0.02;
-    m.joint[0].line[m.joint[0].lines++] = (struct plant_line){ 300, 2, 0.3, 1 };
-    m.joint[0].line[m.joint[0].lines++] = (struct plant_line){ 100, 1.5, 0.7, 0 };
+    m.joint[0].line[m.joint[0].lines++] = (struct plant_line){ 300, 2, 0.3, 1, 0, 0, 0 };
+    m.joint[0].line[m.joint[0].lines++] = (struct plant_line){ 100, 1.5, 0.7, 0, 0, 0, 0 };
     accept(&m);
     for (int trial = 0; trial < 100; trial++) {
         struct plant_state s;
@@ -816,7 +816,7 @@ START_TEST(test_conservative_line_is_a_torque_and_directed_line_a_friction)
 {
     struct plant_model m = free_rod();
     m.joint[0].friction[0].f0_nm = m.joint[0].friction[1].f0_nm = 10;
-    m.joint[0].line[0] = (struct plant_line){ 300, 3, 0.5, 0 };
+    m.joint[0].line[0] = (struct plant_line){ 300, 3, 0.5, 0, 0, 0, 0 };
     m.joint[0].lines = 1;
     accept(&m);
     /* the band of motor torques a rotor at rest stands is shifted, or widened, by the line */
@@ -841,7 +841,7 @@ START_TEST(test_directed_line_never_turns_friction_into_drive)
     struct plant_state s;
     double q = 0;
     m.joint[0].friction[0].f0_nm = m.joint[0].friction[1].f0_nm = 1;
-    m.joint[0].line[0] = (struct plant_line){ 300, 5, 0, 1 };
+    m.joint[0].line[0] = (struct plant_line){ 300, 5, 0, 1, 0, 0, 0 };
     m.joint[0].lines = 1;
     accept(&m);
     plant_reset(&m, &s, &q, 1);
@@ -887,7 +887,7 @@ START_TEST(test_effect_of_size_zero_is_bit_identical_to_absent)
         zero.joint[i].fx_spring_q0_rad = 0.3;
         zero.joint[i].fx_warm_s =
             0; /* a thermal time alone warms a state nobody reads: checked apart */
-        zero.joint[i].line[zero.joint[i].lines++] = (struct plant_line){ 37, 0, 0.7, i % 2 };
+        zero.joint[i].line[zero.joint[i].lines++] = (struct plant_line){ 37, 0, 0.7, i % 2, 0, 0, 0 };
     }
     zero.payload_com_m[2] = 0.13;
     accept(&absent);
@@ -1130,7 +1130,7 @@ START_TEST(test_check_accepts_the_edges)
     j->fx_cold_coulomb = j->fx_cold_viscous = -1;
     j->fx_warm_s = 1;
     while (j->lines < PLANT_LINES_MAX)
-        j->line[j->lines++] = (struct plant_line){ 7, 1, 0, 1 };
+        j->line[j->lines++] = (struct plant_line){ 7, 1, 0, 1, 0, 0, 0 };
     accept(&m);
     ck_assert_double_eq_tol(plant_gear_nm(j, 1e-3), 1e-3 * j->k_nmprad[2], 1e-9);
     j->fx_presliding_nm = 36.01;
