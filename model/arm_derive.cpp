@@ -202,6 +202,33 @@ void read_drive(const Reader &r, const std::string &joint, hdt_arm_joint *out)
     }
 }
 
+void read_mesh(const Reader &r, const std::string &joint, hdt_arm_joint *out)
+{
+    const std::string mesh = joint + "mesh.", array = joint + "kinematic_error";
+    out->has_mesh = r.group(mesh, {"soft_torque", "soft_stiffness", "hard_stiffness", "drive_loss",
+                                   "back_loss", "drive_load", "back_load"})
+                        ? 1
+                        : 0;
+    if (out->has_mesh) {
+        out->mesh = {r.number(mesh + "soft_torque"),    r.number(mesh + "soft_stiffness"),
+                     r.number(mesh + "hard_stiffness"), r.number(mesh + "drive_loss"),
+                     r.number(mesh + "back_loss"),      r.number(mesh + "drive_load"),
+                     r.number(mesh + "back_load")};
+        if (out->mesh.back_nm > out->mesh.drive_nm)
+            r.d.fail(mesh + "back_loss", "expected at most drive_loss = " + number_text(out->mesh.drive_nm)
+                                             + ", found " + number_text(out->mesh.back_nm));
+    }
+    out->errors = r.d.count(array);
+    if (out->errors > HDT_ARM_ERRORS_MAX)
+        r.d.fail(array, "expected at most " + std::to_string(HDT_ARM_ERRORS_MAX)
+                            + " kinematic errors a joint, found " + std::to_string(out->errors));
+    for (int i = 0; i < out->errors; i++) {
+        const std::string at = array + "." + std::to_string(i + 1) + ".";
+        out->error[i] = {r.number(at + "wave_generator_order") * out->ratio, r.number(at + "amplitude"),
+                         r.number(at + "phase")};
+    }
+}
+
 void read_friction(const Reader &r, const std::string &joint, hdt_arm_joint *out)
 {
     const std::string friction = joint + "friction.";
@@ -372,6 +399,7 @@ void read_joint(const Reader &r, int number, hdt_arm *arm)
     out->v_max_radps = r.number(joint + "limits.speed");
     read_link(r, joint, out);
     read_drive(r, joint, out);
+    read_mesh(r, joint, out);
     read_friction(r, joint, out);
     read_ripples(r, joint, out);
     read_stiffness(r, joint, out);

@@ -24,12 +24,25 @@ extern "C" {
 
 #define HDT_ARM_JOINTS_MAX 16
 #define HDT_ARM_LINES_MAX 8
+#define HDT_ARM_ERRORS_MAX 4
 
 struct hdt_arm_friction { double f0_nm, fv_nmspr, fs_nm, vc_radps; };
 
 /* amplitude * sin(order * q + phase), q the output angle; directed: times sign of velocity.
  * An order that is a whole multiple of the ratio is locked to the wave generator. */
 struct hdt_arm_line { double order_rev, amplitude_nm, phase_rad; int directed; };
+
+/* Kinematic error: the flexspline is amplitude * sin(order * q + phase) ahead of the motor angle over
+ * the ratio. */
+struct hdt_arm_error { double order_rev, amplitude_rad, phase_rad; };
+
+/* Inside of the gear, for the simulator only: torsional stiffness of the wave generator within
+ * +-soft_nm and beyond; loss in the mesh while the wave generator drives and while it is driven,
+ * each growing with the load beyond soft_nm. */
+struct hdt_arm_mesh {
+    double soft_nm, soft_nmprad, hard_nmprad;
+    double drive_nm, back_nm, drive_load, back_load;
+};
 
 /* Soft wind-up torque as three lines of load x (gravity torque, output side), one direction. */
 struct hdt_arm_stiffness { double slope[3], t1_nm, t2_nm, zero_nm; };
@@ -47,6 +60,10 @@ struct hdt_arm_joint {
     double ratio;
     int has_gear;                     /* catalogue stiffness known */
     double k_nmprad[3], t_nm[2];
+    int has_mesh;
+    struct hdt_arm_mesh mesh;
+    int errors;
+    struct hdt_arm_error error[HDT_ARM_ERRORS_MAX];
     double rotor_kgm2_m, wave_generator_kgm2_m;
     double tau_rated_m_nm, tau_max_m_nm;
     /* friction */

@@ -54,10 +54,11 @@ static void gear_now(const struct plant_joint *j, const struct plant_periodic *p
                      double mesh, struct joint_now *now)
 {
     if (j->soft_nm > 0) {
-        now->mesh_rad = plant_mesh_slip(j, p->directed_nm, th, q - p->error_rad, mesh);
+        now->mesh_rad = plant_mesh_slip(j, th, q - p->error_rad, mesh);
         now->wave_nm = plant_wave_nm(j, th - now->mesh_rad);
         now->gear_nm = plant_gear_nm(j, now->mesh_rad + p->error_rad - q);
-        now->directed_nm = 0;
+        /* it comes from the tooth's load, and goes with it */
+        now->directed_nm = p->directed_nm * fmin(1, fabs(now->wave_nm) / j->soft_nm);
     } else {
         now->mesh_rad = th;
         now->wave_nm = now->gear_nm = plant_gear_nm(j, th + p->error_rad - q);

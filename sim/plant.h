@@ -15,7 +15,7 @@
  * driven; in between, while the soft wind-up is passed through, the teeth go over from one flank to
  * the other and the loss with them.  What follows from that, and is put in nowhere: the sharp drop
  * of motor torque before the load crosses zero, torsional hysteresis with memory, the travel that
- * friction takes to build up after a reversal, periodic friction that fades in the soft region.
+ * friction takes to build up after a reversal.
  * A joint without soft_nm has no mesh node: wave generator rigid, no loss there.
  *
  * A rotor's kinetic energy is that of its own spin; its mass is part of the link that carries it
@@ -51,8 +51,8 @@ enum plant_integrator { PLANT_VERLET, PLANT_RK4 };
 struct plant_friction { double f0_nm, fv_nmspr, fs_nm, vc_radps; };
 
 /* amplitude * sin(order * th_m / N + phase): torque the motor must give more, when conservative;
- * added to the friction magnitude, when directed (which never falls below zero by it; in a joint
- * with a mesh it belongs to the loss there and fades to half with it).  The amplitude grows by per_load
+ * added to the rotor's friction magnitude, when directed (which never falls below zero by it; in a
+ * joint with a mesh it fades with the wave torque within soft_nm).  The amplitude grows by per_load
  * times |gear torque| and per_speed times |speed|; run_phase: phase drawn anew each run. */
 struct plant_line {
     double order_rev, amplitude_nm, phase_rad; /* order per output turn */

@@ -49,29 +49,12 @@ void plant_chain_terms(const struct plant_chain *c, const double *q_rad, const d
 /* Potential energy; zero where every mass is at the height of the base's origin. */
 double plant_chain_height_j(const struct plant_chain *c, const double *q_rad);
 
-/* Factor of a symmetric positive definite matrix, of which the lower triangle is read; for
+/* Factor of a symmetric positive definite matrix, of which the upper triangle is read; for
  * plant_solve only.  Errors: -1, not positive definite; the factor is then of no use. */
 int plant_factor(int n, const plant_matrix a, plant_matrix factor);
 /* x = a^-1 b; x and b may be the same array. */
 void plant_solve(int n, const plant_matrix factor, const double *b, double *x);
 
-/* The same by single steps in base coordinates; going. */
-
-struct plant_pose {
-    double rot[PLANT_JOINTS_MAX][9], pos_m[PLANT_JOINTS_MAX][3];   /* joint frames in the base */
-    double mass_kg[PLANT_JOINTS_MAX];                              /* payload included         */
-    double moment_kgm[PLANT_JOINTS_MAX][3];                        /* about the joint origin   */
-    double inertia_kgm2[PLANT_JOINTS_MAX][6];                      /* about the joint origin   */
-};
-
-/* All trigonometry of the chain happens here, once. */
-void plant_chain_pose(const struct plant_model *m, const double *q_rad, struct plant_pose *pose);
-/* M(q), composite rigid bodies. */
-void plant_chain_mass(const struct plant_model *m, const struct plant_pose *pose, plant_matrix mass);
-/* C(q,qd) qd + G(q), recursive Newton-Euler.  With qd = 0: the holding torque. */
-void plant_chain_bias(const struct plant_model *m, const struct plant_pose *pose, const double *qd_radps,
-                      double *tau_nm);
-double plant_chain_potential_j(const struct plant_model *m, const struct plant_pose *pose);
 /* Inverse of a symmetric positive definite matrix.  Errors: -1, not positive definite. */
 int plant_invert(int n, const plant_matrix a, plant_matrix inverse);
 
@@ -84,12 +67,12 @@ double plant_gear_energy_j(const struct plant_joint *j, double delta_rad);
 double plant_wave_nm(const struct plant_joint *j, double windup_rad);
 double plant_wave_windup_rad(const struct plant_joint *j, double torque_nm);
 double plant_wave_energy_j(const struct plant_joint *j, double windup_rad);
-/* Loss at a wave torque along the motion; ripple_nm: sum of the directed lines now. */
-double plant_mesh_loss_nm(const struct plant_joint *j, double ripple_nm, double along_nm);
+/* Loss at a wave torque along the motion. */
+double plant_mesh_loss_nm(const struct plant_joint *j, double along_nm);
 /* Where the mesh is now that the rotor is at angle_rad and the link at output_rad (kinematic error
  * taken off), having been at mesh_rad. */
-double plant_mesh_slip(const struct plant_joint *j, double ripple_nm, double angle_rad,
-                       double output_rad, double mesh_rad);
+double plant_mesh_slip(const struct plant_joint *j, double angle_rad, double output_rad,
+                       double mesh_rad);
 /* Torque on the link, pointing inwards; zero inside the range. */
 double plant_stop_nm(const struct plant_joint *j, double q_rad, double qd_radps);
 double plant_stop_energy_j(const struct plant_joint *j, double q_rad);
@@ -134,7 +117,7 @@ struct plant_rub {
 struct plant_kick {
     double h_s, inertia_kgm2;         /* output side */
     double drive_nm, gear_nm;         /* sum of torques on the rotor; the gear's alone */
-    double directed_nm;               /* periodic friction, where there is no mesh */
+    double directed_nm;               /* periodic friction */
 };
 
 void plant_rub_prepare(const struct plant_joint *j, const struct plant_state *s, int index, struct plant_rub *rub);

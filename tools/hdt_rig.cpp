@@ -205,8 +205,37 @@ void scatter(plant_joint &joint, std::mt19937_64 &random)
         f.fv_nmspr *= friction;
         f.fs_nm *= friction;
     }
+    joint.mesh.drive_nm *= friction;
+    joint.mesh.back_nm *= friction;
     for (int i = 0; i < joint.lines; i++)
         joint.line[i].amplitude_nm *= 1 + 0.1 * normal(random);
+}
+
+// Torque the wave generator carries while the joint slides without load: what the mesh loses then.
+double unloaded_wave_nm(const hdt_arm_mesh &m)
+{
+    double rate = (m.drive_nm - m.back_nm) / (2 * m.soft_nm);
+    double within = (m.back_nm + rate * m.soft_nm) / (1 - rate);
+    return within <= m.soft_nm ? within : (m.drive_nm - m.drive_load * m.soft_nm) / (1 - m.drive_load);
+}
+
+// The file's Coulomb friction is that of a joint without load: the mesh's part is taken off the rotor's.
+void fill_mesh(plant_joint &p, const hdt_arm_joint &a, const char *path, int number)
+{
+    for (int i = 0; i < a.errors; i++)
+        p.error[p.errors++] = {a.error[i].order_rev, a.error[i].amplitude_rad, a.error[i].phase_rad};
+    if (!a.has_mesh)
+        return;
+    p.soft_nm = a.mesh.soft_nm;
+    p.soft_nmprad = a.mesh.soft_nmprad;
+    p.hard_nmprad = a.mesh.hard_nmprad;
+    p.mesh = {a.mesh.drive_nm, a.mesh.back_nm, a.mesh.drive_load, a.mesh.back_load};
+    for (plant_friction &f : p.friction) {
+        f.f0_nm -= unloaded_wave_nm(a.mesh);
+        if (f.f0_nm < 0)
+            throw InputError(std::string(path) + ": joint." + std::to_string(number) +
+                             ".mesh.drive_loss: the mesh alone loses more than friction.*.f0 without load");
+    }
 }
 
 void fill_joint(plant_joint &p, const hdt_arm_joint &a)
@@ -228,7 +257,7 @@ void fill_joint(plant_joint &p, const hdt_arm_joint &a)
     for (int d = 0; d < 2; d++)
         p.friction[d] = {a.friction[d].f0_nm, a.friction[d].fv_nmspr, a.friction[d].fs_nm, a.friction[d].vc_radps};
     for (int i = 0; i < a.ripples && p.lines < PLANT_LINES_MAX; i++)
-        p.line[p.lines++] = {a.ripple[i].order_rev, a.ripple[i].amplitude_nm, a.ripple[i].phase_rad, 1};
+        p.line[p.lines++] = {a.ripple[i].order_rev, a.ripple[i].amplitude_nm, a.ripple[i].phase_rad, 1, 0, 0, 0};
     // 1 % of Coulomb friction from run to run and as slow wander; a thousandth of rated torque as noise
     p.run_coulomb_sigma_nm = 0.01 * a.friction[0].f0_nm;
     p.wander_sigma_nm = 0.0075 * a.friction[0].f0_nm;
@@ -251,6 +280,7 @@ plant_model plant_from_arm(const hdt_arm &arm, uint64_t individual)
                              ": a plant needs link masses, gear stiffness, friction and rotor inertia; this file lacks "
                              "some (a measured arm can be diagnosed but not simulated)");
         fill_joint(plant.joint[j], a);
+        fill_mesh(plant.joint[j], a, arm.path, j + 1);
         if (individual != 0)
             scatter(plant.joint[j], random);
     }
