@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Rigid-body dynamics of the open chain in link frames: bias torque by recursive Newton-Euler, mass
- * matrix by composite bodies, both with second moments in place of inertia tensors; LDL'
- * factor and inverse.
+ * matrix by composite bodies, both with second moments in place of inertia tensors; factor and
+ * inverse of symmetric matrices.
  *
  * plant_chain_prepare chooses frames and books inertia so that the constants left are few (struct
  * plant_body): the standard inertial parameters have more numbers than motion can tell apart, and
@@ -163,33 +163,11 @@ void plant_chain_prepare(const struct plant_model *m, struct plant_chain *c)
     c->base_j = -(c->gravity_mps2[0] * f[0] + c->gravity_mps2[1] * f[1] + c->gravity_mps2[2] * f[2]);
 }
 
-/* ---- sine and cosine ---- */
-
-/* Series of sine and cosine over their odd and even powers, good to 5e-17 up to pi/4. */
-static void sine_cosine(double angle_rad, double *sine, double *cosine)
-{
-    if (!(fabs(angle_rad) < 1e5)) {
-        *sine = sin(angle_rad);
-        *cosine = cos(angle_rad);
-        return;
-    }
-    /* pi/2 in two parts; the first has 33 bits, so its multiples here are exact */
-    static const double half_turn = 0x1.921fb544p+0, rest = 0x1.0b4611a626331p-34;
-    int quarter = (int)(angle_rad * 0.63661977236758134 + (angle_rad < 0 ? -0.5 : 0.5));
-    double r = (angle_rad - quarter * half_turn) - quarter * rest, x = r * r, x2 = x * x, x4 = x2 * x2;
-    double s = (-1.0 / 6 + x * (1.0 / 120)) + x2 * (-1.0 / 5040 + x * (1.0 / 362880))
-               + x4 * ((-1.0 / 39916800 + x * (1.0 / 6227020800.0)) + x2 * (-1.0 / 1307674368000.0));
-    double c = (1.0 / 24 - x * (1.0 / 720)) + x2 * (1.0 / 40320 - x * (1.0 / 3628800))
-               + x4 * ((1.0 / 479001600 - x * (1.0 / 87178291200.0)) + x2 * (1.0 / 20922789888000.0));
-    double pair[2] = { r + r * x * s, 1 - (x / 2 - x2 * c) };
-    static const double sign[4] = { 1, 1, -1, -1 };
-    *sine = sign[quarter & 3] * pair[quarter & 1];
-    *cosine = sign[(quarter + 1) & 3] * pair[~quarter & 1];
-}
-
 /* ---- turning between neighbours ---- */
 
-struct turn { double c, s, ct, st; }; /* of the joint angle, of the twist */
+/* Cosine and sine of joint angle and twist, in an order that keeps the compiler from loading as a
+ * pair what libm has just stored one by one (a stall of 30 ns in 7 joints). */
+struct turn { double c, ct, s, st; };
 
 /* A vector of the frame before, in the frame of the body. */
 static inline void turn_in(const struct turn *t, double *v)
@@ -213,7 +191,9 @@ static void turns_prepare(const struct plant_chain *c, const double *q_rad, stru
 {
     for (int i = 0; i < c->joints; i++) {
         const struct plant_body *b = &c->body[i];
-        sine_cosine(q_rad[i] + b->offset_rad, &turn[i].s, &turn[i].c);
+        double angle_rad = q_rad[i] + b->offset_rad;
+        turn[i].s = sin(angle_rad);
+        turn[i].c = cos(angle_rad);
         turn[i].ct = b->twist_cos;
         turn[i].st = b->twist_sin;
     }
@@ -225,7 +205,9 @@ static void turns_prepare(const struct plant_chain *c, const double *q_rad, stru
  * gives the acceleration of a point r beyond that of the origin as U r. */
 struct motion { double w[3], alpha[3], acc[3], u[3][3]; };
 
-static inline void motion_next(const struct plant_body *b, const struct turn *t, double speed, struct motion *v)
+/* From one body to the next; joints do not accelerate here. */
+static inline void motion_next(const struct plant_body *b, const struct turn *t, double speed,
+                               struct motion *v)
 {
     for (int k = 0; k < 3; k++)
         v->acc[k] += v->u[k][0] * b->x_m + v->u[k][1] * b->y_m;
@@ -250,11 +232,30 @@ static inline void motion_next(const struct plant_body *b, const struct turn *t,
     v->u[2][1] = yz + a[0];
 }
 
-/* Wrenches on bodies, one column each, about the origin of the frame at hand.  Column j < joints: momentum of
- * the bodies from j on per speed of joint j; column joints: force and moment that the motion takes. */
+static inline void motion_of_base(const double *gravity, struct motion *v)
+{
+    for (int k = 0; k < 3; k++) {
+        v->acc[k] = -gravity[k];
+        v->w[k] = v->alpha[k] = v->u[k][0] = v->u[k][1] = 0;
+    }
+}
+
+/* Wrenches on bodies, one column each, about the origin of the frame at hand.  Column j < joints:
+ * momentum of the bodies from j on per speed of joint j; column `joints`: force and moment that the
+ * motion takes.  One more, so that columns come in pairs. */
 struct columns { double f[3][W + 2], n[3][W + 2]; };
 
-static inline void wrench_of_motion(const struct plant_body *b, const struct motion *v, double *f, double *n)
+static inline void columns_clear(struct columns *w, int joints)
+{
+    for (int axis = 0; axis < 3; axis++)
+        for (int k = 0; k < joints + 2; k++)
+            w->f[axis][k] = w->n[axis][k] = 0;
+}
+
+/* Force, and moment about the origin, that the motion of one body takes: U h, and h x a plus the
+ * axial vector of U S, with h and S its first and second moments. */
+static inline void wrench_of_motion(const struct plant_body *b, const struct motion *v, double *f,
+                                    double *n)
 {
     const double *h = b->moment_kgm, *s = b->second_kgm2;
     for (int k = 0; k < 3; k++)
@@ -302,23 +303,25 @@ static inline void composite_out(struct composite *c, const struct plant_body *b
     c->zz += t->st * twice;
 }
 
-/* All columns from `from` on into the frame before. */
+/* All columns from `from` to `to` into the frame before, two at a time so that the compiler puts
+ * them side by side; one before and one after may go along. */
 static inline void columns_out(struct columns *restrict w, int from, int to, const struct plant_body *b,
                                const struct turn *t)
 {
     const double c = t->c, s = t->s, ct = t->ct, st = t->st, x = b->x_m, y = b->y_m;
-    for (int k = from; k <= to; k++) {
-        double fx = c * w->f[0][k] - s * w->f[1][k], fq = s * w->f[0][k] + c * w->f[1][k];
-        double nx = c * w->n[0][k] - s * w->n[1][k], nq = s * w->n[0][k] + c * w->n[1][k];
-        double fy = ct * fq - st * w->f[2][k], fz = st * fq + ct * w->f[2][k];
-        double ny = ct * nq - st * w->n[2][k], nz = st * nq + ct * w->n[2][k];
-        w->f[0][k] = fx;
-        w->f[1][k] = fy;
-        w->f[2][k] = fz;
-        w->n[0][k] = nx + y * fz;
-        w->n[1][k] = ny - x * fz;
-        w->n[2][k] = nz + (x * fy - y * fx);
-    }
+    for (int first = from & ~1; first <= to; first += 2)
+        for (int k = first; k < first + 2; k++) {
+            double fx = c * w->f[0][k] - s * w->f[1][k], fq = s * w->f[0][k] + c * w->f[1][k];
+            double nx = c * w->n[0][k] - s * w->n[1][k], nq = s * w->n[0][k] + c * w->n[1][k];
+            double fy = ct * fq - st * w->f[2][k], fz = st * fq + ct * w->f[2][k];
+            double ny = ct * nq - st * w->n[2][k], nz = st * nq + ct * w->n[2][k];
+            w->f[0][k] = fx;
+            w->f[1][k] = fy;
+            w->f[2][k] = fz;
+            w->n[0][k] = nx + y * fz;
+            w->n[1][k] = ny - x * fz;
+            w->n[2][k] = nz + (x * fy - y * fx);
+        }
 }
 
 /* What column i starts with: momentum of the composite turning about its z at 1 rad/s. */
@@ -335,31 +338,31 @@ static inline void column_start(struct columns *w, int i, const struct composite
 void plant_chain_terms(const struct plant_chain *c, const double *q_rad, const double *qd_radps,
                        plant_matrix mass_kgm2, double *bias_nm)
 {
-    const double *g = c->gravity_mps2;
     const int n = c->joints;
     struct turn turn[W];
-    struct motion v = { .acc = { -g[0], -g[1], -g[2] } };
+    struct motion v;
     struct columns w;
-    struct composite all = { .zz = 0 };
+    struct composite outer = { .zz = 0 };
     double force[W][3], moment[W][3];
     turns_prepare(c, q_rad, turn);
+    columns_clear(&w, n);
+    motion_of_base(c->gravity_mps2, &v);
     for (int i = 0; i < n; i++) {
         motion_next(&c->body[i], &turn[i], qd_radps[i], &v);
         wrench_of_motion(&c->body[i], &v, force[i], moment[i]);
     }
-    for (int k = 0; k < 3; k++)
-        w.f[k][n] = w.n[k][n] = 0;
     for (int i = n - 1; i >= 0; i--) {
-        composite_add(&all, &c->body[i]);
-        column_start(&w, i, &all);
+        composite_add(&outer, &c->body[i]);
+        column_start(&w, i, &outer);
         for (int k = 0; k < 3; k++) {
             w.f[k][n] += force[i][k];
             w.n[k][n] += moment[i][k];
         }
+        /* what a joint feels is the moment about its z */
         for (int k = i; k < n; k++)
             mass_kgm2[i * W + k] = mass_kgm2[k * W + i] = w.n[2][k];
         bias_nm[i] = w.n[2][n];
-        composite_out(&all, &c->body[i], &turn[i]);
+        composite_out(&outer, &c->body[i], &turn[i]);
         columns_out(&w, i, n, &c->body[i], &turn[i]);
     }
 }
@@ -379,23 +382,25 @@ double plant_chain_height_j(const struct plant_chain *c, const double *q_rad)
 
 /* ---- linear equations ---- */
 
-/* Lower triangle: L of a = L D L' below the diagonal, 1 / D on it. */
+/* Upper triangle: U of a = U' D U right of the diagonal, 1 / D on it. */
 int plant_factor(int n, const plant_matrix a, plant_matrix factor)
 {
-    memcpy(factor, a, sizeof(plant_matrix));
+    for (int j = 0; j < n; j++)
+        for (int i = j; i < n; i++)
+            factor[j * W + i] = a[j * W + i];
     for (int j = 0; j < n; j++) {
-        double pivot = factor[j * W + j];
+        double *row = factor + j * W, pivot = row[j];
         if (!(pivot > 1e-12 * a[j * W + j] && pivot > 0))
             return -1;
         double inverse = 1 / pivot;
-        factor[j * W + j] = inverse;
         for (int i = j + 1; i < n; i++) {
-            double scaled = factor[i * W + j] * inverse;
+            double scaled = row[i] * inverse, *below = factor + i * W;
             for (int k = i; k < n; k++)
-                factor[k * W + i] -= scaled * factor[k * W + j];
+                below[k] -= scaled * row[k];
         }
         for (int i = j + 1; i < n; i++)
-            factor[i * W + j] *= inverse;
+            row[i] *= inverse;
+        row[j] = inverse;
     }
     return 0;
 }
@@ -403,271 +408,28 @@ int plant_factor(int n, const plant_matrix a, plant_matrix factor)
 void plant_solve(int n, const plant_matrix factor, const double *b, double *x)
 {
     double y[W];
-    memcpy(y, b, (size_t)n * sizeof *y);
+    for (int j = 0; j < n; j++)
+        y[j] = b[j];
     for (int j = 0; j < n; j++)
         for (int i = j + 1; i < n; i++)
-            y[i] -= factor[i * W + j] * y[j];
-    for (int i = 0; i < n; i++)
-        y[i] *= factor[i * W + i];
-    for (int j = n - 1; j > 0; j--)
-        for (int i = 0; i < j; i++)
             y[i] -= factor[j * W + i] * y[j];
-    memcpy(x, y, (size_t)n * sizeof *y);
-}
-
-/* ---- single steps in base coordinates; going ---- */
-
-static void cross(const double *a, const double *b, double *c)
-{
-    c[0] = a[1] * b[2] - a[2] * b[1];
-    c[1] = a[2] * b[0] - a[0] * b[2];
-    c[2] = a[0] * b[1] - a[1] * b[0];
-}
-
-static double dot(const double *a, const double *b)
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void mat_vec(const double *r, const double *v, double *out)
-{
-    for (int i = 0; i < 3; i++)
-        out[i] = r[3 * i] * v[0] + r[3 * i + 1] * v[1] + r[3 * i + 2] * v[2];
-}
-
-static void sym_vec(const double *s, const double *v, double *out)
-{
-    out[0] = s[0] * v[0] + s[1] * v[1] + s[2] * v[2];
-    out[1] = s[1] * v[0] + s[3] * v[1] + s[4] * v[2];
-    out[2] = s[2] * v[0] + s[4] * v[1] + s[5] * v[2];
-}
-
-/* The joint axis z of a frame. */
-static void axis(const double *rot, double *z)
-{
-    z[0] = rot[2];
-    z[1] = rot[5];
-    z[2] = rot[8];
-}
-
-/* R S R' of a symmetric tensor. */
-static void sym_rotate(const double *r, const double *s, double *out)
-{
-    double rs[9];
-    for (int i = 0; i < 3; i++)
-        sym_vec(s, r + 3 * i, rs + 3 * i); /* row i of R S, S being symmetric */
-    out[0] = dot(rs, r);
-    out[1] = dot(rs, r + 3);
-    out[2] = dot(rs, r + 6);
-    out[3] = dot(rs + 3, r + 3);
-    out[4] = dot(rs + 3, r + 6);
-    out[5] = dot(rs + 6, r + 6);
-}
-
-/* Add the inertia of a point mass: m (c.c E - c c'). */
-static void sym_add_point(double *s, double mass, const double *c)
-{
-    double cc = dot(c, c);
-    s[0] += mass * (cc - c[0] * c[0]);
-    s[1] -= mass * c[0] * c[1];
-    s[2] -= mass * c[0] * c[2];
-    s[3] += mass * (cc - c[1] * c[1]);
-    s[4] -= mass * c[1] * c[2];
-    s[5] += mass * (cc - c[2] * c[2]);
-}
-
-static void pose_link(const struct plant_model *m, int i, struct plant_pose *pose)
-{
-    const struct plant_joint *j = &m->joint[i];
-    double moment[3], inertia[6];
-    memcpy(moment, j->moment_kgm, sizeof moment);
-    memcpy(inertia, j->inertia_kgm2, sizeof inertia);
-    pose->mass_kg[i] = j->mass_kg;
-    if (i == m->joints - 1) {
-        pose->mass_kg[i] += m->payload_kg;
-        for (int k = 0; k < 3; k++)
-            moment[k] += m->payload_kg * m->payload_com_m[k];
-        sym_add_point(inertia, m->payload_kg, m->payload_com_m);
+    for (int j = n - 1; j >= 0; j--) {
+        double sum = y[j] * factor[j * W + j];
+        for (int i = n - 1; i > j; i--)
+            sum -= factor[j * W + i] * x[i];
+        x[j] = sum;
     }
-    mat_vec(pose->rot[i], moment, pose->moment_kgm[i]);
-    sym_rotate(pose->rot[i], inertia, pose->inertia_kgm2[i]);
-}
-
-void plant_chain_pose(const struct plant_model *m, const double *q_rad, struct plant_pose *pose)
-{
-    static const double identity[9] = { 1, 0, 0, 0, 1, 0, 0, 0, 1 };
-    static const double zero[3] = { 0, 0, 0 };
-    for (int i = 0; i < m->joints; i++) {
-        const struct plant_joint *j = &m->joint[i];
-        const double *parent = i > 0 ? pose->rot[i - 1] : identity;
-        const double *origin = i > 0 ? pose->pos_m[i - 1] : zero;
-        double c = cos(q_rad[i]), s = sin(q_rad[i]), step[3], turn[9];
-        for (int r = 0; r < 3; r++) { /* rot * Rz(q) */
-            const double *row = j->rot + 3 * r;
-            turn[3 * r] = row[0] * c + row[1] * s;
-            turn[3 * r + 1] = row[1] * c - row[0] * s;
-            turn[3 * r + 2] = row[2];
-        }
-        for (int r = 0; r < 3; r++)
-            for (int k = 0; k < 3; k++)
-                pose->rot[i][3 * r + k] = parent[3 * r] * turn[k] + parent[3 * r + 1] * turn[3 + k]
-                                          + parent[3 * r + 2] * turn[6 + k];
-        mat_vec(parent, j->trans_m, step);
-        for (int k = 0; k < 3; k++)
-            pose->pos_m[i][k] = origin[k] + step[k];
-        pose_link(m, i, pose);
-    }
-}
-
-/* Links i..end as one body about the base origin. */
-struct old_composite { double mass, moment[3], inertia[6]; };
-
-static void old_composite_add(struct old_composite *c, const struct plant_pose *pose, int i)
-{
-    const double *p = pose->pos_m[i], *h = pose->moment_kgm[i], *s = pose->inertia_kgm2[i];
-    double mass = pose->mass_kg[i], ph = 2 * dot(p, h);
-    c->mass += mass;
-    for (int k = 0; k < 3; k++)
-        c->moment[k] += h[k] + mass * p[k];
-    c->inertia[0] += s[0] + ph - 2 * p[0] * h[0];
-    c->inertia[1] += s[1] - p[0] * h[1] - p[1] * h[0];
-    c->inertia[2] += s[2] - p[0] * h[2] - p[2] * h[0];
-    c->inertia[3] += s[3] + ph - 2 * p[1] * h[1];
-    c->inertia[4] += s[4] - p[1] * h[2] - p[2] * h[1];
-    c->inertia[5] += s[5] + ph - 2 * p[2] * h[2];
-    sym_add_point(c->inertia, mass, p);
-}
-
-void plant_chain_mass(const struct plant_model *m, const struct plant_pose *pose, plant_matrix mass)
-{
-    struct old_composite c = { 0 };
-    for (int j = m->joints - 1; j >= 0; j--) {
-        old_composite_add(&c, pose, j);
-        const double *p = pose->pos_m[j];
-        double z[3], arm[3], momentum[3], angular[3], zp[3], lost[3];
-        axis(pose->rot[j], z);
-        for (int k = 0; k < 3; k++)
-            arm[k] = c.moment[k] - c.mass * p[k];
-        cross(z, arm, momentum);
-        /* angular momentum about the base origin of a unit turn about joint j */
-        sym_vec(c.inertia, z, angular);
-        cross(z, p, zp);
-        cross(c.moment, zp, lost);
-        for (int k = 0; k < 3; k++)
-            angular[k] -= lost[k];
-        for (int i = 0; i <= j; i++) {
-            double zi[3], moved[3];
-            axis(pose->rot[i], zi);
-            cross(pose->pos_m[i], momentum, moved);
-            double value = dot(zi, angular) - dot(zi, moved);
-            mass[i * PLANT_JOINTS_MAX + j] = mass[j * PLANT_JOINTS_MAX + i] = value;
-        }
-    }
-}
-
-/* Motion of one joint frame, gravity as an upward acceleration of the base. */
-struct old_motion { double w[3], alpha[3], acc[3]; };
-
-/* Force and moment about its joint origin that a link's motion takes. */
-static void link_wrench(const struct plant_pose *pose, int i, const struct old_motion *v, double *f,
-                        double *n)
-{
-    const double *h = pose->moment_kgm[i], *s = pose->inertia_kgm2[i];
-    double wh[3], wwh[3], ah[3], iw[3], wiw[3], ia[3], ha[3];
-    cross(v->w, h, wh);
-    cross(v->w, wh, wwh);
-    cross(v->alpha, h, ah);
-    sym_vec(s, v->w, iw);
-    cross(v->w, iw, wiw);
-    sym_vec(s, v->alpha, ia);
-    cross(h, v->acc, ha);
-    for (int k = 0; k < 3; k++) {
-        f[k] = pose->mass_kg[i] * v->acc[k] + ah[k] + wwh[k];
-        n[k] = ia[k] + wiw[k] + ha[k];
-    }
-}
-
-/* From the frame before to frame i; joints do not accelerate here. */
-static void old_motion_next(struct old_motion *v, const double *z, const double *r, double speed)
-{
-    double wr[3], wwr[3], ar[3], wz[3];
-    cross(v->w, r, wr);
-    cross(v->w, wr, wwr);
-    cross(v->alpha, r, ar);
-    cross(v->w, z, wz);
-    for (int k = 0; k < 3; k++) {
-        v->acc[k] += ar[k] + wwr[k];
-        v->alpha[k] += wz[k] * speed;
-        v->w[k] += z[k] * speed;
-    }
-}
-
-void plant_chain_bias(const struct plant_model *m, const struct plant_pose *pose,
-                      const double *qd_radps, double *tau_nm)
-{
-    double f[PLANT_JOINTS_MAX][3], n[PLANT_JOINTS_MAX][3];
-    struct old_motion v = { { 0 },
-                        { 0 },
-                        { -m->gravity_mps2[0], -m->gravity_mps2[1], -m->gravity_mps2[2] } };
-    for (int i = 0; i < m->joints; i++) {
-        double z[3], r[3];
-        axis(pose->rot[i], z);
-        for (int k = 0; k < 3; k++)
-            r[k] = pose->pos_m[i][k] - (i > 0 ? pose->pos_m[i - 1][k] : 0);
-        old_motion_next(&v, z, r, qd_radps[i]);
-        link_wrench(pose, i, &v, f[i], n[i]);
-    }
-    for (int i = m->joints - 1; i >= 0; i--) {
-        double z[3], r[3], carried[3];
-        axis(pose->rot[i], z);
-        tau_nm[i] = dot(z, n[i]);
-        if (i == 0)
-            break;
-        for (int k = 0; k < 3; k++)
-            r[k] = pose->pos_m[i][k] - pose->pos_m[i - 1][k];
-        cross(r, f[i], carried);
-        for (int k = 0; k < 3; k++) {
-            f[i - 1][k] += f[i][k];
-            n[i - 1][k] += n[i][k] + carried[k];
-        }
-    }
-}
-
-double plant_chain_potential_j(const struct plant_model *m, const struct plant_pose *pose)
-{
-    double u = 0;
-    for (int i = 0; i < m->joints; i++)
-        u -= dot(m->gravity_mps2, pose->moment_kgm[i])
-             + pose->mass_kg[i] * dot(m->gravity_mps2, pose->pos_m[i]);
-    return u;
 }
 
 int plant_invert(int n, const plant_matrix a, plant_matrix inverse)
 {
-    plant_matrix l; /* lower triangle of the Cholesky factor, then of its inverse */
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j <= i; j++) {
-            double sum = a[i * W + j];
-            for (int k = 0; k < j; k++)
-                sum -= l[i * W + k] * l[j * W + k];
-            if (i == j && !(sum > 1e-12 * fabs(a[i * W + i]) && sum > 0))
-                return -1;
-            l[i * W + j] =
-                i == j ? 1 / sqrt(sum) : sum * l[j * W + j]; /* reciprocal on the diagonal */
-        }
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j < i; j++) {
-            double sum = 0;
-            for (int k = j; k < i; k++)
-                sum -= l[i * W + k] * l[k * W + j];
-            l[i * W + j] = sum * l[i * W + i];
-        }
-    for (int i = 0; i < n; i++)
-        for (int j = 0; j <= i; j++) {
-            double sum = 0;
-            for (int k = i; k < n; k++)
-                sum += l[k * W + i] * l[k * W + j];
-            inverse[i * W + j] = inverse[j * W + i] = sum;
-        }
+    plant_matrix factor;
+    if (plant_factor(n, a, factor) < 0)
+        return -1;
+    for (int i = 0; i < n; i++) {
+        double unit[W] = { 0 }; /* rows and columns are the same, up to rounding */
+        unit[i] = 1;
+        plant_solve(n, factor, unit, inverse + i * W);
+    }
     return 0;
 }

@@ -141,7 +141,8 @@ static double link_com(const struct plant_model *m, int i, struct vec *com, doub
 static void inverse_dynamics(const struct plant_model *m, const double *q, const double *qd,
                              const double *qdd, double *tau)
 {
-    struct vec w = { { 0 } }, al = { { 0 } }, force[N + 1], moment[N + 1], offset[N];
+    struct vec w = { { 0 } }, al = { { 0 } };
+    struct vec force[PLANT_JOINTS_MAX], moment[PLANT_JOINTS_MAX], offset[PLANT_JOINTS_MAX];
     struct vec acc = { { -m->gravity_mps2[0], -m->gravity_mps2[1], -m->gravity_mps2[2] } };
     for (int i = 0; i < m->joints; i++) {
         const struct plant_joint *j = &m->joint[i];
@@ -196,6 +197,7 @@ static double potential(const struct plant_model *m, const double *q)
 START_TEST(test_forward_then_inverse_dynamics_returns_the_torque)
 {
     struct plant_model m = pa10_plant();
+    struct plant_chain chain;
     uint64_t rng = 11;
     m.payload_kg = 1.5;
     m.payload_com_m[0] = 0.03;
@@ -205,25 +207,135 @@ START_TEST(test_forward_then_inverse_dynamics_returns_the_torque)
     m.joint[1].moment_kgm[0] = 0.2;
     m.gravity_mps2[0] = 1;
     accept(&m);
+    plant_chain_prepare(&m, &chain);
     for (int trial = 0; trial < 200; trial++) {
-        struct plant_pose pose;
-        plant_matrix mass, minv;
-        double q[N], qd[N], tau[N], bias[N], qdd[N] = { 0 }, back[N];
+        plant_matrix mass, factor;
+        double q[N], qd[N], tau[N], bias[N], qdd[N], back[N];
         random_pose(&rng, q);
         for (int i = 0; i < N; i++) {
             qd[i] = test_uniform(&rng, -3, 3);
             tau[i] = test_uniform(&rng, -50, 50);
         }
-        plant_chain_pose(&m, q, &pose);
-        plant_chain_mass(&m, &pose, mass);
-        plant_chain_bias(&m, &pose, qd, bias);
-        ck_assert_int_eq(plant_invert(N, mass, minv), 0);
+        plant_chain_terms(&chain, q, qd, mass, bias);
+        ck_assert_int_eq(plant_factor(N, mass, factor), 0);
         for (int i = 0; i < N; i++)
-            for (int k = 0; k < N; k++)
-                qdd[i] += minv[i * PLANT_JOINTS_MAX + k] * (tau[k] - bias[k]);
+            bias[i] = tau[i] - bias[i];
+        plant_solve(N, factor, bias, qdd);
         inverse_dynamics(&m, q, qd, qdd, back);
         for (int i = 0; i < N; i++)
-            ck_assert_double_eq_tol(back[i], tau[i], 1e-8);
+            ck_assert_double_eq_tol(back[i], tau[i], 1e-10);
+    }
+}
+END_TEST
+
+/* A turn about a random axis; often one of those that arms are made of. */
+static void random_turn(uint64_t *rng, double *rot)
+{
+    static const double usual[] = { 0, 1e-9, 1.5707963267949, -1.5707963267949, 3.14159265358979 };
+    uint64_t kind = test_random(rng) % 10;
+    double axis[3] = { kind < 5, 0, 0 }, angle = kind < 5 ? usual[kind] : test_uniform(rng, -3, 3);
+    double norm = 0, c = cos(angle), s = sin(angle);
+    for (int k = 0; k < 3 && kind >= 5; k++)
+        axis[k] = test_uniform(rng, -1, 1);
+    for (int k = 0; k < 3; k++)
+        norm += axis[k] * axis[k];
+    for (int k = 0; k < 3; k++)
+        axis[k] /= sqrt(norm);
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++)
+            rot[3 * a + b] = (a == b) * c + (1 - c) * axis[a] * axis[b];
+    rot[1] -= s * axis[2];
+    rot[2] += s * axis[1];
+    rot[3] += s * axis[2];
+    rot[5] -= s * axis[0];
+    rot[6] -= s * axis[1];
+    rot[7] += s * axis[0];
+}
+
+/* Five points of mass anywhere: physical, and nothing is zero. */
+static void random_link(uint64_t *rng, struct plant_joint *j)
+{
+    random_turn(rng, j->rot);
+    memset(j->moment_kgm, 0, sizeof j->moment_kgm);
+    memset(j->inertia_kgm2, 0, sizeof j->inertia_kgm2);
+    j->mass_kg = 0;
+    for (int k = 0; k < 3; k++)
+        j->trans_m[k] = test_uniform(rng, -0.5, 0.5);
+    for (int point = 0; point < 5; point++) {
+        double m = test_uniform(rng, 0.1, 2), r[3], *in = j->inertia_kgm2;
+        for (int k = 0; k < 3; k++) {
+            r[k] = test_uniform(rng, -0.3, 0.3);
+            j->moment_kgm[k] += m * r[k];
+        }
+        j->mass_kg += m;
+        in[0] += m * (r[1] * r[1] + r[2] * r[2]);
+        in[1] -= m * r[0] * r[1];
+        in[2] -= m * r[0] * r[2];
+        in[3] += m * (r[0] * r[0] + r[2] * r[2]);
+        in[4] -= m * r[1] * r[2];
+        in[5] += m * (r[0] * r[0] + r[1] * r[1]);
+    }
+}
+
+static struct plant_model random_arm(uint64_t *rng, int joints)
+{
+    struct plant_model m = { .joints = joints, .payload_kg = test_uniform(rng, 0, 3) };
+    for (int k = 0; k < 3; k++) {
+        m.gravity_mps2[k] = test_uniform(rng, -10, 10);
+        m.payload_com_m[k] = test_uniform(rng, -0.3, 0.3);
+    }
+    for (int i = 0; i < joints; i++)
+        random_link(rng, &m.joint[i]);
+    return m;
+}
+
+/* Column by column, with nothing in common but the parameters. */
+static void slow_terms(const struct plant_model *m, const double *q, const double *qd,
+                       plant_matrix mass, double *bias)
+{
+    struct plant_model weightless = *m;
+    double still[PLANT_JOINTS_MAX] = { 0 }, column[PLANT_JOINTS_MAX];
+    memset(weightless.gravity_mps2, 0, sizeof weightless.gravity_mps2);
+    inverse_dynamics(m, q, qd, still, bias);
+    for (int j = 0; j < m->joints; j++) {
+        double one[PLANT_JOINTS_MAX] = { 0 };
+        one[j] = 1;
+        inverse_dynamics(&weightless, q, still, one, column);
+        for (int i = 0; i < m->joints; i++)
+            mass[i * PLANT_JOINTS_MAX + j] = column[i];
+    }
+}
+
+/* The fast terms rest on a choice of frames and a booking of inertia that must not show: any arm. */
+START_TEST(test_terms_of_any_arm_are_those_of_a_textbook)
+{
+    uint64_t rng = 14;
+    for (int trial = 0; trial < 640; trial++) {
+        int n = 1 + trial % PLANT_JOINTS_MAX;
+        struct plant_model m = random_arm(&rng, n);
+        struct plant_chain chain;
+        plant_matrix mass, expected;
+        double q[PLANT_JOINTS_MAX], qd[PLANT_JOINTS_MAX], bias[PLANT_JOINTS_MAX];
+        double torque[PLANT_JOINTS_MAX], most_kgm2 = 0, most_nm = 0;
+        for (int i = 0; i < n; i++) {
+            q[i] = test_uniform(&rng, -7, 7);
+            qd[i] = test_uniform(&rng, -3, 3);
+        }
+        plant_chain_prepare(&m, &chain);
+        plant_chain_terms(&chain, q, qd, mass, bias);
+        slow_terms(&m, q, qd, expected, torque);
+        for (int i = 0; i < n; i++) {
+            most_kgm2 = fmax(most_kgm2, expected[i * PLANT_JOINTS_MAX + i]);
+            most_nm = fmax(most_nm, fabs(torque[i]));
+        }
+        for (int i = 0; i < n; i++) {
+            for (int k = 0; k < n; k++)
+                ck_assert_double_eq_tol(mass[i * PLANT_JOINTS_MAX + k],
+                                        expected[i * PLANT_JOINTS_MAX + k], 1e-12 * most_kgm2);
+            ck_assert_double_eq_tol(bias[i], torque[i], 1e-12 * (most_nm + 1));
+        }
+        double height = potential(&m, q); /* J, some hundred */
+        ck_assert_double_eq_tol(plant_chain_height_j(&chain, q), height, 1e-10);
     }
 }
 END_TEST
@@ -302,10 +414,54 @@ START_TEST(test_inverse_refuses_what_is_not_positive_definite)
     a[0] = a[PLANT_JOINTS_MAX + 1] = 1;
     a[1] = a[PLANT_JOINTS_MAX] = 1;
     ck_assert_int_eq(plant_invert(2, a, b), -1);
+    ck_assert_int_eq(plant_factor(2, a, b), -1);
     a[1] = a[PLANT_JOINTS_MAX] = 0.5;
     ck_assert_int_eq(plant_invert(2, a, b), 0);
     ck_assert_double_eq_tol(b[0], 4.0 / 3, 1e-12);
     ck_assert_double_eq_tol(b[1], -2.0 / 3, 1e-12);
+    const double wrong[] = { 0, -1, NAN };
+    for (int k = 0; k < 3; k++) {
+        a[0] = wrong[k];
+        ck_assert_int_eq(plant_factor(2, a, b), -1);
+        ck_assert_int_eq(plant_invert(2, a, b), -1);
+    }
+}
+END_TEST
+
+/* Of every size; the part of the arrays that is not used is poisoned. */
+START_TEST(test_solution_and_inverse_undo_the_product)
+{
+    uint64_t rng = 15;
+    for (int n = 1; n <= PLANT_JOINTS_MAX; n++) {
+        plant_matrix root, a, factor, inverse;
+        double b[PLANT_JOINTS_MAX] = { 0 }, x[PLANT_JOINTS_MAX], y[PLANT_JOINTS_MAX];
+        for (int k = 0; k < PLANT_JOINTS_MAX * PLANT_JOINTS_MAX; k++) {
+            root[k] = test_uniform(&rng, -1, 1);
+            a[k] = NAN;
+        }
+        for (int i = 0; i < n; i++)
+            x[i] = test_uniform(&rng, -5, 5);
+        for (int i = 0; i < n; i++)
+            for (int j = 0; j < n; j++) {
+                double sum = i == j;
+                for (int k = 0; k < n; k++)
+                    sum += root[i * PLANT_JOINTS_MAX + k] * root[j * PLANT_JOINTS_MAX + k];
+                a[i * PLANT_JOINTS_MAX + j] = sum;
+                b[i] += sum * x[j];
+            }
+        ck_assert_int_eq(plant_factor(n, a, factor), 0);
+        ck_assert_int_eq(plant_invert(n, a, inverse), 0);
+        plant_solve(n, factor, b, y);
+        for (int i = 0; i < n; i++) {
+            double sum = 0;
+            for (int k = 0; k < n; k++)
+                sum += inverse[i * PLANT_JOINTS_MAX + k] * b[k];
+            ck_assert_double_eq_tol(y[i], x[i], 1e-11);
+            ck_assert_double_eq_tol(sum, x[i], 1e-11);
+        }
+        plant_solve(n, factor, b, b); /* in place */
+        ck_assert(memcmp(b, y, (size_t)n * sizeof *b) == 0);
+    }
 }
 END_TEST
 
@@ -1141,8 +1297,9 @@ END_TEST
 START_TEST(test_chosen_step_follows_the_fastest_thing_there_is)
 {
     struct plant_model m = rod(), damped = rod(), arm = pa10_checked();
-    struct plant_pose pose;
+    struct plant_chain chain;
     plant_matrix mass, minv;
+    double bias[N];
     double mobility = 1 / 0.3 + 1 / 0.7, q[N] = { 0 }, fastest = 0;
     m.joint[0].k_nmprad[1] = 6e4; /* the stiffest of the three lines, wherever it is */
     accept(&m);
@@ -1151,8 +1308,8 @@ START_TEST(test_chosen_step_follows_the_fastest_thing_there_is)
     accept(&damped);
     ck_assert_double_eq_tol(damped.step_s, 0.5 / (500 * mobility), 1e-9);
     /* a chain: at least as fast as its fastest joint alone, not much faster */
-    plant_chain_pose(&arm, q, &pose);
-    plant_chain_mass(&arm, &pose, mass);
+    plant_chain_prepare(&arm, &chain);
+    plant_chain_terms(&chain, q, q, mass, bias);
     ck_assert_int_eq(plant_invert(N, mass, minv), 0);
     for (int i = 0; i < N; i++)
         fastest = fmax(fastest, sqrt(arm.joint[i].k_nmprad[2] * (minv[i * PLANT_JOINTS_MAX + i]
@@ -1169,10 +1326,12 @@ static Suite *plant_suite(void)
           *energy = tcase_create("energy"), *friction = tcase_create("friction"),
           *effects = tcase_create("effects"), *runs = tcase_create("runs");
     tcase_add_test(chain, test_forward_then_inverse_dynamics_returns_the_torque);
+    tcase_add_test(chain, test_terms_of_any_arm_are_those_of_a_textbook);
     tcase_add_test(chain, test_step_accelerates_links_as_newton_and_euler_say);
     tcase_add_test(chain, test_holding_torque_is_gradient_of_potential_energy);
     tcase_add_test(chain, test_horizontal_arm_weighs_what_the_manufacturer_says);
     tcase_add_test(chain, test_inverse_refuses_what_is_not_positive_definite);
+    tcase_add_test(chain, test_solution_and_inverse_undo_the_product);
     tcase_add_test(gear, test_wind_up_at_rest_is_the_catalogue_torsion);
     tcase_add_test(gear, test_gear_energy_is_the_work_of_its_torque);
     tcase_add_test(gear, test_resonance_is_that_of_two_masses_and_a_spring);
