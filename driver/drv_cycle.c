@@ -26,6 +26,19 @@ int drv_cycle_init(struct drv_cycle *c, const struct hdt_tables *t, const struct
     return hdt_init(&c->core, t);
 }
 
+int drv_cycle_set_format(struct drv_cycle *c, enum drv_format format, const uint16_t *rated_mnm)
+{
+    if (c == NULL || c->core.tables == NULL || (format != DRV_FORMAT_A && format != DRV_FORMAT_B))
+        return HDT_ERR_ARG;
+    for (unsigned j = 0; format == DRV_FORMAT_B && j < c->core.tables->joints; j++)
+        if (rated_mnm == NULL || rated_mnm[j] == 0)
+            return HDT_ERR_ARG;
+    c->format = format;
+    for (unsigned j = 0; format == DRV_FORMAT_B && j < c->core.tables->joints; j++)
+        c->rated_mnm[j] = rated_mnm[j];
+    return HDT_OK;
+}
+
 static void lose_link(struct drv_cycle *c)
 {
     c->want_type = 0;
@@ -52,6 +65,8 @@ static int take(struct drv_cycle *c, const struct drv_state *s)
     if (s->type != DRV_CYCLIC)
         return 0;
     c->last = *s;
+    for (unsigned j = 0; c->format == DRV_FORMAT_B && j < DRV_AXES; j++)
+        c->last.axis[j].torque_dig = drv_torque_from_b(s->axis[j].torque_dig, c->rated_mnm[j]);
     c->started = c->in_step = 1;
     return 1;
 }
@@ -66,7 +81,7 @@ static int drain(struct drv_cycle *c)
         int e = c->bus.recv(c->bus.ctx, &f);
         if (e == HDT_BUS_ERR_AGAIN)
             break;
-        if (e == HDT_BUS_OK && drv_state_decode(&f, &s) == DRV_TELEGRAM_OK) {
+        if (e == HDT_BUS_OK && drv_state_decode(c->format, &f, &s) == DRV_TELEGRAM_OK) {
             fresh |= take(c, &s);
         } else if (e == HDT_BUS_OK || e == HDT_BUS_ERR_FRAME) {
             c->count.bad_frames++;
@@ -110,7 +125,7 @@ static int send_telegram(struct drv_cycle *c, struct drv_command *cmd)
     struct hdt_frame f;
     c->seq = (uint8_t)((c->seq + 1u) & SEQ_MASK);
     cmd->seq = c->seq;
-    (void)drv_command_encode(cmd, &f); /* the types sent here all exist */
+    (void)drv_command_encode(c->format, cmd, &f); /* the types sent here all exist */
     int e = c->bus.send(c->bus.ctx, &f);
     if (e == HDT_BUS_OK) {
         c->want_seq = cmd->seq;
@@ -137,6 +152,22 @@ static void send_mode(struct drv_cycle *c, uint8_t type)
     c->wait = DRV_CYCLE_RETRY - 1;
 }
 
+/* One driven axis, in the units of the format; the core's digits are 0.001 N.m. */
+static void command_axis(const struct drv_cycle *c, unsigned j, uint32_t mode, const struct hdt_out *out,
+                         struct drv_command *cmd)
+{
+    int b = c->format == DRV_FORMAT_B;
+    uint16_t drive = (uint16_t)(DRV_AXIS_SERVO | (b ? DRV_AXIS_STOP_ALL : 0u));
+    if (mode == HDT_MODE_TORQUE) {
+        int16_t dig = out->digit[j].raw;
+        cmd->axis[j].mode = (uint16_t)(drive | DRV_AXIS_TORQUE);
+        cmd->axis[j].torque_dig = b ? drv_torque_to_b(dig, c->rated_mnm[j]) : dig;
+    } else if (mode == HDT_MODE_VELOCITY) {
+        cmd->axis[j].mode = drive;
+        cmd->axis[j].speed_dig = out->speed[j].raw;
+    }
+}
+
 static void send_cyclic(struct drv_cycle *c, const struct hdt_in *in, const struct hdt_out *out,
                         int safe)
 {
@@ -148,13 +179,7 @@ static void send_cyclic(struct drv_cycle *c, const struct hdt_in *in, const stru
         cmd.axis[j].mode = DRV_AXIS_BRAKE;
         if (safe || j >= joints || (in->active >> j & 1u) == 0)
             continue;
-        if (in->mode == HDT_MODE_TORQUE) {
-            cmd.axis[j].mode = DRV_AXIS_SERVO | DRV_AXIS_TORQUE;
-            cmd.axis[j].torque_dig = out->digit[j].raw;
-        } else if (in->mode == HDT_MODE_VELOCITY) {
-            cmd.axis[j].mode = DRV_AXIS_SERVO;
-            cmd.axis[j].speed_dig = out->speed[j].raw;
-        }
+        command_axis(c, j, in->mode, out, &cmd);
     }
     (void)send_telegram(c, &cmd);
 }

@@ -50,6 +50,8 @@ struct drv_counters {
 struct drv_cycle {
     hdt_t core;
     struct hdt_bus bus;
+    enum drv_format format;         /* of the telegrams; A unless drv_cycle_set_format says otherwise */
+    uint16_t rated_mnm[DRV_AXES];   /* Format B: rated motor torque, 0.001 N.m motor side */
     struct drv_ring *ring;          /* may be NULL: no log; may be set between periods */
     enum drv_link link;
     uint8_t seq;                    /* of the last command sent, 0..127 */
@@ -59,7 +61,7 @@ struct drv_cycle {
     int started;                    /* a state has arrived since init or restart         */
     int in_step;                    /* a state has arrived since the link was last up    */
     int end_answered;
-    struct drv_state last;          /* last good state telegram */
+    struct drv_state last;          /* last good state telegram, torque in 0.001 N.m digits */
     struct drv_counters count;
     struct drv_record rec;          /* of this period; too large for a real-time stack */
 };
@@ -69,6 +71,15 @@ struct drv_cycle {
  * Context: start-up. */
 int drv_cycle_init(struct drv_cycle *c, const struct hdt_tables *t, const struct hdt_bus *bus,
                    struct drv_ring *ring);
+
+/* Speak this format from the next period on.  rated_mnm: rated torque of each joint's motor,
+ * 0.001 N.m motor side, which Format B's torque words count in; with Format A it may be NULL.
+ * The core, the record and `last` have digits of 0.001 N.m in both formats: the conversion is exact,
+ * rounded half to even, and saturates at the ends of a word.  In Format B a driven axis also stops
+ * on an alarm of another (DRV_AXIS_STOP_ALL).
+ * Errors: HDT_ERR_ARG (no such format; Format B and a joint without rated torque), nothing changed.
+ * Context: start-up, after drv_cycle_init and before the first period. */
+int drv_cycle_set_format(struct drv_cycle *c, enum drv_format format, const uint16_t *rated_mnm);
 
 /* One period.  `in` says what the caller wants, in the core's words; its count, fresh and
  * servo_alarm are filled in here, the rest is left as it is.

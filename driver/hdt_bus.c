@@ -79,7 +79,7 @@ int drv_can_trim(const uint8_t *data, unsigned len, int up, struct hdt_frame *f)
 {
     if (len > DRV_CAN_DATA_MAX)
         return HDT_BUS_ERR_FRAME;
-    int need = drv_telegram_len(data, len, up);
+    int need = drv_telegram_len(DRV_FORMAT_A, data, len, up);
     if (need < 0 || drv_can_padded((unsigned)need) != len)
         return HDT_BUS_ERR_FRAME;
     memcpy(f->data, data, (size_t)need);

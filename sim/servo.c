@@ -19,7 +19,9 @@ enum { SERVE_MAX = 64 }; /* frames a call: a flooding host must not stop time */
 
 static const double TICK_S = 1.0 / SERVO_RATE_HZ;
 static const double TURN_RAD = 6.283185307179586;
-static const double WATCHDOG_S = 0.4;
+static const double WATCHDOG_A_S = 0.4, WATCHDOG_B_S = 0.01;
+/* The public driver that reads the table multiplies by 4 where a line it dropped has poles / 2. */
+static const uint16_t POLES = 8;
 static const double TRACK_RADPS = 1200;   /* tracking filter, natural frequency */
 static const double TRACK_DAMPING = 0.8;
 static const double LOOP_RADPS = 400;     /* velocity loop crossover against the rotor alone */
@@ -48,20 +50,56 @@ static int axes(const struct servo *v)
     return v->model->joints < DRV_AXES ? v->model->joints : DRV_AXES;
 }
 
+/* N.m motor side that a digit of a torque word is */
+static double torque_digit(const struct servo *v, int i)
+{
+    return v->cfg.format == DRV_FORMAT_B ? v->cfg.rated_m_nm[i] / SERVO_RATED_DIG : SERVO_TORQUE_NM_PER_DIG;
+}
+
 static void stop(struct servo *v)
 {
     v->s.mode = SERVO_STOP;
+    v->s.halted = 0;
     v->plant.locked = (1u << v->model->joints) - 1;
     for (int i = 0; i < DRV_AXES; i++)
         v->s.command.axis[i].mode = DRV_AXIS_BRAKE;
+    v->s.command.driver_mode = 0;
     memset(v->s.integral_m_nm, 0, sizeof v->s.integral_m_nm);
     memset(v->s.tau_m_nm, 0, sizeof v->s.tau_m_nm);
 }
 
-static void clear_alarms(struct servo *v)
+static void stop_all(struct servo *v, enum drv_alarm alarm, enum drv_driver_alarm driver_alarm)
 {
-    memset(v->s.alarm, 0, sizeof v->s.alarm);
-    v->s.driver_alarm = 0;
+    memset(v->s.alarm, (int)alarm, (size_t)axes(v));
+    v->s.driver_alarm = (uint8_t)driver_alarm;
+    stop(v);
+}
+
+/* Axes given by their bits; the driver's own alarm goes when no axis has one left. */
+static void clear_alarms(struct servo *v, uint32_t which)
+{
+    int left = 0;
+    for (int i = 0; i < axes(v); i++) {
+        if (which >> i & 1u)
+            v->s.alarm[i] = 0;
+        left |= v->s.alarm[i];
+    }
+    if (!left)
+        v->s.driver_alarm = 0;
+    if (v->s.emergency)
+        stop_all(v, DRV_ALARM_EMERGENCY_STOP, DRV_DRIVER_EMERGENCY_STOP);
+}
+
+void servo_emergency_stop(struct servo *v, int pressed)
+{
+    v->s.emergency = pressed != 0;
+    if (pressed)
+        stop_all(v, DRV_ALARM_EMERGENCY_STOP, DRV_DRIVER_EMERGENCY_STOP);
+}
+
+void servo_deadman(struct servo *v, int released)
+{
+    v->s.deadman_released = released != 0;
 }
 
 /* The loop faces the rotor above its resonance with the link; a falling friction curve adds a
@@ -80,6 +118,8 @@ static void tune(struct servo *v)
             v->cfg.kp_m_nmspr[i] = kp_nmspr / j->ratio;
         if (v->cfg.ki_m_nmprad[i] == 0)
             v->cfg.ki_m_nmprad[i] = LOOP_INTEGRAL_RADPS * v->cfg.kp_m_nmspr[i];
+        if (v->cfg.rated_m_nm[i] == 0)
+            v->cfg.rated_m_nm[i] = j->tau_max_m_nm;
     }
 }
 
@@ -91,7 +131,9 @@ void servo_init(struct servo *v, const struct plant_model *model, const struct s
     if (cfg != NULL)
         v->cfg = *cfg;
     if (v->cfg.watchdog_s == 0)
-        v->cfg.watchdog_s = WATCHDOG_S;
+        v->cfg.watchdog_s = v->cfg.format == DRV_FORMAT_B ? WATCHDOG_B_S : WATCHDOG_A_S;
+    if (v->cfg.poles == 0)
+        v->cfg.poles = POLES;
     tune(v);
     plant_reset(model, &v->plant, q_rad, seed);
     v->s.rng = ~seed;
@@ -121,10 +163,10 @@ static double axis_torque(struct servo *v, int i, double moved_rad)
     unsigned mode = v->s.command.axis[i].mode;
     double limit = v->model->joint[i].tau_max_m_nm, tau = 0;
     int held = (mode & DRV_AXIS_BRAKE) != 0, servo_on = (mode & DRV_AXIS_SERVO) != 0;
-    if (v->s.mode != SERVO_CONTROL || !servo_on)
+    if (v->s.mode != SERVO_CONTROL || !servo_on || (v->s.halted >> i & 1u))
         v->s.integral_m_nm[i] = 0;
     else if (mode & DRV_AXIS_TORQUE)
-        v->s.integral_m_nm[i] = tau = SERVO_TORQUE_NM_PER_DIG * v->s.command.axis[i].torque_dig;
+        v->s.integral_m_nm[i] = tau = torque_digit(v, i) * v->s.command.axis[i].torque_dig;
     else if (held)
         v->s.integral_m_nm[i] = 0;
     else
@@ -151,39 +193,68 @@ static double angle(const struct servo *v, int i)
     return v->s.last_count[i] * rad_per_count(&v->model->joint[i]);
 }
 
+/* Does the last command have the dead-man switch watched? */
+static int deadman_watched(const struct servo *v)
+{
+    unsigned bits = 0;
+    if (v->cfg.format == DRV_FORMAT_B)
+        return (v->s.command.driver_mode & DRV_DRIVER_WATCH_DEADMAN) != 0;
+    for (int i = 0; i < DRV_AXES; i++)
+        bits |= v->s.command.axis[i].mode;
+    return (bits & DRV_AXIS_DEADMAN) != 0;
+}
+
+/* Axes that may not move in Format B: those in alarm, and those that stop with any other. */
+static uint32_t in_alarm(const struct servo *v)
+{
+    uint32_t own = 0, with_others = 0;
+    for (int i = 0; i < axes(v); i++) {
+        uint32_t bit = 1u << i;
+        own |= v->s.alarm[i] ? bit : 0;
+        with_others |= v->s.command.axis[i].mode & DRV_AXIS_STOP_ALL ? bit : 0;
+    }
+    return own ? own | with_others : 0;
+}
+
+static void watch_axis(struct servo *v, int i)
+{
+    const struct plant_joint *j = &v->model->joint[i];
+    double q = angle(v, i);
+    uint32_t bit = 1u << i;
+    if (v->cfg.v_trip_radps > 0 && fabs(v->s.speed_radps[i]) > v->cfg.v_trip_radps)
+        v->s.alarm[i] = DRV_ALARM_OVER_VELOCITY;
+    if (q <= j->q_max_rad + LIMIT_MARGIN_RAD && q >= j->q_min_rad - LIMIT_MARGIN_RAD) {
+        v->s.outside &= ~bit;
+    } else if (!(v->s.outside & bit)) { /* on the way out only: a host may drive back in */
+        v->s.outside |= bit;
+        v->s.alarm[i] = DRV_ALARM_POSITION_LIMIT;
+    }
+}
+
 static void supervise(struct servo *v)
 {
-    int tripped = 0;
     if (v->s.mode == SERVO_STOP)
         return;
-    for (int i = 0; i < axes(v); i++) {
-        const struct plant_joint *j = &v->model->joint[i];
-        double q = angle(v, i);
-        uint32_t bit = 1u << i;
-        if (v->cfg.v_trip_radps > 0 && fabs(v->s.speed_radps[i]) > v->cfg.v_trip_radps)
-            v->s.alarm[i] = DRV_ALARM_OVER_VELOCITY;
-        if (q <= j->q_max_rad + LIMIT_MARGIN_RAD && q >= j->q_min_rad - LIMIT_MARGIN_RAD) {
-            v->s.outside &= ~bit;
-        } else if (!(v->s.outside & bit)) { /* on the way out only: a host may drive back in */
-            v->s.outside |= bit;
-            v->s.alarm[i] = DRV_ALARM_POSITION_LIMIT;
-        }
-        tripped |= v->s.alarm[i];
-    }
-    if (v->s.t_s - v->s.last_command_s > v->cfg.watchdog_s) {
-        v->s.driver_alarm = DRV_DRIVER_HOST_TIMEOUT;
-        memset(v->s.alarm, DRV_ALARM_TIMEOUT, (size_t)axes(v));
-        tripped = 1;
-    }
-    if (tripped)
+    for (int i = 0; i < axes(v); i++)
+        watch_axis(v, i);
+    uint32_t alarmed = in_alarm(v);
+    if (v->s.t_s - v->s.last_command_s > v->cfg.watchdog_s)
+        stop_all(v, DRV_ALARM_TIMEOUT, DRV_DRIVER_HOST_TIMEOUT);
+    else if (v->s.deadman_released && deadman_watched(v))
+        stop_all(v, DRV_ALARM_DEADMAN, DRV_DRIVER_DEADMAN);
+    else if (alarmed && v->cfg.format == DRV_FORMAT_A)
         stop(v);
+    else if (alarmed) {
+        v->s.halted |= alarmed;
+        v->plant.locked |= alarmed;
+    }
 }
 
 static void report_torque(struct servo *v, int i)
 {
     double noise = v->model->joint[i].torque_noise_m_nm;
     double tau = v->s.tau_m_nm[i] + (noise > 0 ? noise * plant_gauss(&v->s.rng) : 0);
-    v->s.torque_dig[i] = (int16_t)saturate(nearbyint(tau / SERVO_TORQUE_NM_PER_DIG), 32767);
+    v->s.torque_dig[i] = (int16_t)saturate(nearbyint(tau / torque_digit(v, i)), 32767);
 }
 
 void servo_tick(struct servo *v)
@@ -205,34 +276,60 @@ static void set_brakes(struct servo *v)
 {
     for (int i = 0; i < axes(v); i++) {
         uint32_t bit = 1u << i;
-        if (v->s.command.axis[i].mode & DRV_AXIS_BRAKE)
+        if ((v->s.command.axis[i].mode & DRV_AXIS_BRAKE) || (v->s.halted & bit))
             v->plant.locked |= bit;
         else
             v->plant.locked &= ~bit;
     }
 }
 
+static void leave_stop(struct servo *v, enum servo_mode mode)
+{
+    if (v->s.mode != SERVO_STOP)
+        return;
+    clear_alarms(v, ~0u);
+    if (v->s.emergency)
+        return;
+    v->s.mode = mode;
+    v->s.last_command_s = v->s.t_s;
+}
+
+static void obey_cyclic(struct servo *v, const struct drv_command *c)
+{
+    if (v->s.mode == SERVO_STOP)
+        return;
+    v->s.command = *c;
+    v->s.last_command_s = v->s.t_s;
+    v->s.halted = v->cfg.format == DRV_FORMAT_B ? in_alarm(v) : 0;
+    set_brakes(v);
+}
+
 static void obey(struct servo *v, const struct drv_command *c)
 {
+    int i = c->axis_no - 1; /* of 'M' and 'A': the decoder lets only 1..DRV_AXES through */
     switch (c->type) {
     case DRV_END:
         stop(v);
-        clear_alarms(v);
+        clear_alarms(v, ~0u);
         break;
     case DRV_START:
-    case DRV_BRAKE_RELEASE:
-        if (v->s.mode == SERVO_STOP) {
-            clear_alarms(v);
-            v->s.mode = c->type == DRV_START ? SERVO_CONTROL : SERVO_BRAKE_RELEASE;
-            v->s.last_command_s = v->s.t_s;
-        }
+        leave_stop(v, SERVO_CONTROL);
         break;
-    default: /* DRV_CYCLIC: the decoder lets no other through */
-        if (v->s.mode == SERVO_STOP)
-            break;
-        v->s.command = *c;
-        v->s.last_command_s = v->s.t_s;
-        set_brakes(v);
+    case DRV_BRAKE_RELEASE:
+        leave_stop(v, SERVO_BRAKE_RELEASE);
+        break;
+    case DRV_ZERO:
+        if (v->s.mode == SERVO_STOP && i < axes(v))
+            v->zero_cnt[i] = -v->s.last_count[i];
+        break;
+    case DRV_CLEAR:
+        clear_alarms(v, 1u << i);
+        break;
+    case DRV_CYCLIC:
+        obey_cyclic(v, c);
+        break;
+    default: /* DRV_TABLE: only asks */
+        break;
     }
 }
 
@@ -245,10 +342,25 @@ static uint16_t axis_status(const struct servo *v, int i)
         status |= DRV_AXIS_LIMIT_POS;
     if (q < j->q_min_rad)
         status |= DRV_AXIS_LIMIT_NEG;
-    if (v->s.alarm[i] != 0)
+    int halted = (v->s.halted >> i & 1u) != 0;
+    if (v->s.alarm[i] != 0 || halted)
         status |= DRV_AXIS_UNCONTROLLABLE;
-    if (v->s.mode != SERVO_CONTROL || !(v->s.command.axis[i].mode & DRV_AXIS_SERVO))
+    if (v->s.mode != SERVO_CONTROL || halted || !(v->s.command.axis[i].mode & DRV_AXIS_SERVO))
         status |= DRV_AXIS_POWER_OFF;
+    return (uint16_t)status;
+}
+
+static uint16_t driver_status(const struct servo *v)
+{
+    unsigned status = (unsigned)v->s.driver_alarm << DRV_ALARM_SHIFT;
+    if (!v->s.deadman_released)
+        status |= DRV_DRIVER_DEADMAN_ON;
+    if (v->s.mode == SERVO_CONTROL)
+        status |= DRV_DRIVER_POWER_ON;
+    if (v->s.emergency)
+        status |= DRV_DRIVER_EMERGENCY_OPEN;
+    if (v->s.driver_alarm != 0)
+        status |= DRV_DRIVER_UNCONTROLLABLE;
     return (uint16_t)status;
 }
 
@@ -257,22 +369,46 @@ static void report(const struct servo *v, struct drv_state *s)
     for (int i = 0; i < axes(v); i++) {
         s->axis[i].status = axis_status(v, i);
         s->axis[i].count = saturate((double)v->s.last_count[i] + v->zero_cnt[i], 2147483647.0);
+        s->axis[i].speed_dig =
+            (int16_t)saturate(nearbyint(v->s.speed_radps[i] / SERVO_SPEED_RADPS_PER_DIG), 32767);
         s->axis[i].torque_dig = v->s.torque_dig[i];
     }
-    s->driver_status = (uint16_t)(v->s.driver_alarm << DRV_ALARM_SHIFT);
+    s->driver_status = driver_status(v);
+}
+
+/* The EEPROM table of axis i, as far as it is known: soft limits, zero offset, poles. */
+static void report_table(const struct servo *v, int i, uint8_t address, struct drv_state *s)
+{
+    if (i >= axes(v) || address != 0)
+        return;
+    const struct plant_joint *j = &v->model->joint[i];
+    double per_count = rad_per_count(j);
+    uint32_t high = (uint32_t)saturate(nearbyint(j->q_max_rad / per_count), 2147483647.0);
+    uint32_t low = (uint32_t)saturate(nearbyint(j->q_min_rad / per_count), 2147483647.0);
+    uint32_t zero = (uint32_t)v->zero_cnt[i];
+    s->word[DRV_WORD_LIMIT_POS_HI] = (uint16_t)(high >> 16);
+    s->word[DRV_WORD_LIMIT_POS_LO] = (uint16_t)(high & 0xffffu);
+    s->word[DRV_WORD_LIMIT_NEG_HI] = (uint16_t)(low >> 16);
+    s->word[DRV_WORD_LIMIT_NEG_LO] = (uint16_t)(low & 0xffffu);
+    s->word[DRV_WORD_ZERO_HI] = (uint16_t)(zero >> 16);
+    s->word[DRV_WORD_ZERO_LO] = (uint16_t)(zero & 0xffffu);
+    s->word[DRV_WORD_POLES] = v->cfg.poles;
 }
 
 int servo_answer(struct servo *v, const struct hdt_frame *in, struct hdt_frame *out)
 {
     struct drv_command c;
-    if (drv_command_decode(in, &c) != DRV_TELEGRAM_OK) {
+    if (drv_command_decode(v->cfg.format, in, &c) != DRV_TELEGRAM_OK) {
         v->s.refused++;
         return 0;
     }
-    struct drv_state s = { .seq = c.seq, .type = c.type };
+    struct drv_state s = { .seq = c.seq, .type = c.type, .axis_no = c.axis_no, .address = c.address };
     obey(v, &c);
-    report(v, &s);
-    if (drv_state_encode(&s, out) != DRV_TELEGRAM_OK) {
+    if (c.type == DRV_CYCLIC)
+        report(v, &s);
+    if (c.type == DRV_TABLE)
+        report_table(v, c.axis_no - 1, c.address, &s);
+    if (drv_state_encode(v->cfg.format, &s, out) != DRV_TELEGRAM_OK) {
         v->s.refused++;
         return 0;
     }
@@ -297,6 +433,10 @@ int servo_serve(struct servo *v, const struct hdt_bus *bus)
         if (!servo_answer(v, &in, &out))
             continue;
         int sent = bus->send(bus->ctx, &out);
+        if (sent == HDT_BUS_ERR_FRAME) { /* longer than this bus carries */
+            v->s.refused++;
+            continue;
+        }
         if (sent < 0 && sent != HDT_BUS_ERR_AGAIN)
             return sent;
         answered++; /* a full queue drops the answer; the host counts it as lost */

@@ -482,7 +482,7 @@ START_TEST(test_can_trim_returns_the_telegram_or_refuses)
     for (unsigned up = 0; up < 2; up++) {
         for (unsigned i = 0; i < 4; i++) {
             c.type = s.type = types[i];
-            ck_assert_int_eq(up ? drv_state_encode(&s, &f) : drv_command_encode(&c, &f), 0);
+            ck_assert_int_eq(up ? drv_state_encode(DRV_FORMAT_A, &s, &f) : drv_command_encode(DRV_FORMAT_A, &c, &f), 0);
             uint8_t wire[65] = {0};
             memcpy(wire, f.data, f.len);
             for (unsigned len = 0; len <= 65; len++) {
@@ -536,12 +536,12 @@ START_TEST(test_telegrams_cross_a_real_vcan)
         c.axis[6].speed_dig = (int16_t)(n * 31);
         s.axis[6].count = (int32_t)n * -1000;
         s.driver_status = (uint16_t)n;
-        ck_assert_int_eq(drv_command_encode(&c, &f), 0);
+        ck_assert_int_eq(drv_command_encode(DRV_FORMAT_A, &c, &f), 0);
         ck_assert_int_eq(send_to(&host, &f), HDT_BUS_OK);
         ck_assert_int_eq(recv_wait(&servo, &got), HDT_BUS_OK);
         assert_same(&f, &got);
         ck_assert_int_eq(recv_from(&host, &got), HDT_BUS_ERR_AGAIN); /* not our own */
-        ck_assert_int_eq(drv_state_encode(&s, &f), 0);
+        ck_assert_int_eq(drv_state_encode(DRV_FORMAT_A, &s, &f), 0);
         ck_assert_int_eq(send_to(&servo, &f), HDT_BUS_OK);
         ck_assert_int_eq(recv_wait(&host, &got), HDT_BUS_OK);
         assert_same(&f, &got);

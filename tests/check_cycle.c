@@ -40,7 +40,7 @@ struct rig {
 static int spy_send(void *ctx, const struct hdt_frame *f)
 {
     struct rig *r = ctx;
-    if (drv_command_decode(f, &r->sent) != DRV_TELEGRAM_OK)
+    if (drv_command_decode(DRV_FORMAT_A, f, &r->sent) != DRV_TELEGRAM_OK)
         ck_abort_msg("the cycle sent something that is no command");
     int e = r->beneath.send(r->beneath.ctx, f);
     if (e == HDT_BUS_OK)
@@ -191,6 +191,84 @@ START_TEST(test_each_axis_is_told_its_own_mode)
 }
 END_TEST
 
+static const uint16_t rated_mnm[DRV_AXES] = {4640, 4640, 2000, 2000, 290, 290, 290};
+
+/* One period in Format B, then the servo's answer with this state; returns the command sent. */
+static struct drv_command period_b(struct rig *r, struct drv_state s)
+{
+    struct hdt_frame f;
+    struct drv_command c = {0};
+    r->t_us += 1429;
+    r->in.t_us = r->t_us;
+    ck_assert_int_eq(drv_cycle_period(&r->c, &r->in, &r->out), HDT_OK);
+    ck_assert_int_eq(r->servo.bus.recv(r->servo.bus.ctx, &f), HDT_BUS_OK);
+    ck_assert_int_eq(drv_command_decode(DRV_FORMAT_B, &f, &c), DRV_TELEGRAM_OK);
+    s.seq = c.seq;
+    s.type = c.type;
+    ck_assert_int_eq(drv_state_encode(DRV_FORMAT_B, &s, &f), DRV_TELEGRAM_OK);
+    ck_assert_int_eq(r->servo.bus.send(r->servo.bus.ctx, &f), HDT_BUS_OK);
+    return c;
+}
+
+START_TEST(test_format_b_is_converted_at_the_wire_and_nowhere_else)
+{
+    struct rig r;
+    struct drv_state s = {0};
+    rig_init(&r, NULL);
+    r.c.bus = r.host;
+    ck_assert_int_eq(drv_cycle_set_format(&r.c, DRV_FORMAT_B, rated_mnm), HDT_OK);
+    s.axis[0].torque_dig = 1000; /* 1000 4640 / 4096 = 1132.8 */
+    s.axis[4].torque_dig = -4096;
+    s.axis[4].count = 100;
+    ck_assert_uint_eq(period_b(&r, s).type, DRV_START);
+    ck_assert_uint_eq(period_b(&r, s).type, DRV_CYCLIC);
+    struct drv_command c = period_b(&r, s);
+    /* offset 1 N.m is 20 digits of 0.001 N.m at ratio 50: 17.66 of 4.64/4096, 40.96 of 2.0/4096 */
+    static const int want[DRV_AXES] = {18, 18, 41, 41, 0, 282, 282};
+    for (unsigned j = 0; j < DRV_AXES; j++) {
+        ck_assert_uint_eq(c.axis[j].mode, DRV_AXIS_SERVO | DRV_AXIS_TORQUE | DRV_AXIS_STOP_ALL);
+        if (j != 4)
+            ck_assert_int_eq(c.axis[j].torque_dig, want[j]);
+    }
+    /* 100 counts of joint 5: the core's own digits, in the other unit */
+    ck_assert_int_eq(c.axis[4].torque_dig, drv_torque_to_b(r.out.digit[4].raw, 290));
+    ck_assert_int_eq(r.in.count[4].raw, 100);
+    ck_assert_int_ne(r.out.digit[4].raw, 20);
+    ck_assert_int_eq(r.c.last.axis[0].torque_dig, 1133);
+    ck_assert_int_eq(r.c.last.axis[4].torque_dig, -290);
+    ck_assert_uint_eq(c.driver_mode, 0);
+    r.in.mode = HDT_MODE_VELOCITY;
+    for (unsigned j = 0; j < DRV_AXES; j++)
+        r.in.v_ref[j].raw = (int32_t)j << 20;
+    c = period_b(&r, s);
+    for (unsigned j = 0; j < DRV_AXES; j++) {
+        ck_assert_uint_eq(c.axis[j].mode, DRV_AXIS_SERVO | DRV_AXIS_STOP_ALL);
+        ck_assert_int_eq(c.axis[j].speed_dig, r.out.speed[j].raw);
+    }
+    ck_assert_int_gt(c.axis[6].speed_dig, 0);
+    ck_assert_uint_eq(r.c.count.bad_frames, 0);
+}
+END_TEST
+
+START_TEST(test_format_b_wants_a_rated_torque_for_every_joint)
+{
+    struct rig r;
+    struct drv_cycle never;
+    uint16_t missing[DRV_AXES];
+    rig_init(&r, NULL);
+    memset(&never, 0, sizeof never);
+    memcpy(missing, rated_mnm, sizeof missing);
+    missing[6] = 0;
+    ck_assert_int_eq(drv_cycle_set_format(&r.c, DRV_FORMAT_B, NULL), HDT_ERR_ARG);
+    ck_assert_int_eq(drv_cycle_set_format(&r.c, DRV_FORMAT_B, missing), HDT_ERR_ARG);
+    ck_assert_int_eq(drv_cycle_set_format(&r.c, (enum drv_format)7, rated_mnm), HDT_ERR_ARG);
+    ck_assert_int_eq(drv_cycle_set_format(&never, DRV_FORMAT_A, NULL), HDT_ERR_ARG);
+    ck_assert_int_eq(drv_cycle_set_format(NULL, DRV_FORMAT_A, NULL), HDT_ERR_ARG);
+    ck_assert_int_eq(r.c.format, DRV_FORMAT_A);
+    ck_assert_int_eq(drv_cycle_set_format(&r.c, DRV_FORMAT_A, NULL), HDT_OK);
+}
+END_TEST
+
 START_TEST(test_a_core_fault_brakes_every_axis_and_the_bus_goes_on)
 {
     struct rig r;
@@ -271,15 +349,15 @@ START_TEST(test_late_doubled_and_foreign_telegrams_are_counted_not_used)
     /* the answer waiting, doubled; then one with an old sequence; then noise; then a wrong type */
     struct drv_state s = r.servo.state;
     s.axis[0].count = 1000;
-    ck_assert_int_eq(drv_state_encode(&s, &f), DRV_TELEGRAM_OK);
+    ck_assert_int_eq(drv_state_encode(DRV_FORMAT_A, &s, &f), DRV_TELEGRAM_OK);
     ck_assert_int_eq(r.servo.bus.send(r.servo.bus.ctx, &f), HDT_BUS_OK);
     s.seq = (uint8_t)(s.seq - 1);
-    ck_assert_int_eq(drv_state_encode(&s, &f), DRV_TELEGRAM_OK);
+    ck_assert_int_eq(drv_state_encode(DRV_FORMAT_A, &s, &f), DRV_TELEGRAM_OK);
     ck_assert_int_eq(r.servo.bus.send(r.servo.bus.ctx, &f), HDT_BUS_OK);
     f.len = 59;
     ck_assert_int_eq(r.servo.bus.send(r.servo.bus.ctx, &f), HDT_BUS_OK);
     s.type = DRV_START;
-    ck_assert_int_eq(drv_state_encode(&s, &f), DRV_TELEGRAM_OK);
+    ck_assert_int_eq(drv_state_encode(DRV_FORMAT_A, &s, &f), DRV_TELEGRAM_OK);
     ck_assert_int_eq(r.servo.bus.send(r.servo.bus.ctx, &f), HDT_BUS_OK);
     rig_period(&r);
     ck_assert_uint_eq(r.c.count.received, 5);
@@ -297,7 +375,7 @@ START_TEST(test_late_doubled_and_foreign_telegrams_are_counted_not_used)
     ck_assert_uint_eq(r.c.count.lost, 1);
     s.seq = missed;
     s.type = DRV_CYCLIC;
-    ck_assert_int_eq(drv_state_encode(&s, &f), DRV_TELEGRAM_OK);
+    ck_assert_int_eq(drv_state_encode(DRV_FORMAT_A, &s, &f), DRV_TELEGRAM_OK);
     ck_assert_int_eq(r.servo.bus.send(r.servo.bus.ctx, &f), HDT_BUS_OK);
     rig_period(&r);
     ck_assert_uint_eq(r.in.fresh, 0);
@@ -702,6 +780,8 @@ static Suite *cycle_suite(void)
     t = tcase_create("command");
     tcase_add_test(t, test_digit_follows_the_count_the_servo_reported);
     tcase_add_test(t, test_each_axis_is_told_its_own_mode);
+    tcase_add_test(t, test_format_b_is_converted_at_the_wire_and_nowhere_else);
+    tcase_add_test(t, test_format_b_wants_a_rated_torque_for_every_joint);
     tcase_add_test(t, test_fewer_joints_than_axes_leave_the_rest_braked);
     tcase_add_test(t, test_a_core_fault_brakes_every_axis_and_the_bus_goes_on);
     tcase_add_test(t, test_alarm_bits_reach_the_core);

@@ -51,28 +51,46 @@ static void set_up_imperfect(void)
     servo_init(&servo, &model, NULL, start_q, 1);
 }
 
+static void set_up_format(enum drv_format format)
+{
+    struct servo_cfg cfg = { .format = format };
+    servo_init(&servo, &model, &cfg, start_q, 1);
+}
+
+/* In the servo's own format; every answer is held to the reply rule. */
 static struct drv_state ask(const struct drv_command *c)
 {
     struct hdt_frame in, out;
     struct drv_state s;
-    ck_assert_int_eq(drv_command_encode(c, &in), DRV_TELEGRAM_OK);
+    ck_assert_int_eq(drv_command_encode(servo.cfg.format, c, &in), DRV_TELEGRAM_OK);
     ck_assert_int_eq(servo_answer(&servo, &in, &out), 1);
-    ck_assert_int_eq(drv_state_decode(&out, &s), DRV_TELEGRAM_OK);
+    ck_assert_int_eq(drv_state_decode(servo.cfg.format, &out, &s), DRV_TELEGRAM_OK);
     ck_assert_int_eq(s.seq, c->seq);
     ck_assert_int_eq(s.type, c->type);
+    ck_assert_int_eq(s.axis_no, c->axis_no);
+    ck_assert_int_eq(s.address, c->address);
     return s;
+}
+
+static struct drv_state select_axis(uint8_t type, int axis_no)
+{
+    struct drv_command c = { .seq = 200, .type = type, .axis_no = (uint8_t)axis_no };
+    return ask(&c);
 }
 
 static struct drv_state say(uint8_t type)
 {
-    struct drv_command c = { .seq = 7, .type = type };
+    static uint8_t seq;
+    struct drv_command c = { .seq = seq++, .type = type };
+    if (type == 'M' || type == 'R' || type == 'A')
+        c.axis_no = 1;
     for (int i = 0; i < N; i++)
         c.axis[i].mode = PARKED;
     return ask(&c);
 }
 
 /* Cyclic command: axis `index` (or all, -1) gets mode and value, the others hold at speed zero. */
-static struct drv_state drive(int index, uint8_t mode, int16_t value)
+static struct drv_state drive(int index, uint16_t mode, int16_t value)
 {
     struct drv_command c = { .seq = 1, .type = DRV_CYCLIC };
     for (int i = 0; i < N; i++) {
@@ -84,7 +102,7 @@ static struct drv_state drive(int index, uint8_t mode, int16_t value)
     return ask(&c);
 }
 
-static void drive_for(int index, uint8_t mode, int16_t value, double span_s)
+static void drive_for(int index, uint16_t mode, int16_t value, double span_s)
 {
     for (int k = 0; k < span_s * SERVO_RATE_HZ; k++) {
         drive(index, mode, value);
@@ -106,25 +124,26 @@ static double rotor_rad(int i)
 
 START_TEST(test_every_mode_answers_every_type_and_goes_where_the_table_says)
 {
-    static const uint8_t type[4] = { DRV_START, DRV_END, DRV_BRAKE_RELEASE, DRV_CYCLIC };
-    static const enum servo_mode next[3][4] = {
-        { SERVO_CONTROL, SERVO_STOP, SERVO_BRAKE_RELEASE, SERVO_STOP },
-        { SERVO_CONTROL, SERVO_STOP, SERVO_CONTROL, SERVO_CONTROL },
-        { SERVO_BRAKE_RELEASE, SERVO_STOP, SERVO_BRAKE_RELEASE, SERVO_BRAKE_RELEASE },
+    static const uint8_t type[7] = { 'S', 'E', 'T', 'C', 'M', 'R', 'A' };
+    enum { STOP = SERVO_STOP, CTRL = SERVO_CONTROL, FREE = SERVO_BRAKE_RELEASE };
+    static const int next[3][7] = {
+        [STOP] = { CTRL, STOP, FREE, STOP, STOP, STOP, STOP },
+        [CTRL] = { CTRL, STOP, CTRL, CTRL, CTRL, CTRL, CTRL },
+        [FREE] = { FREE, STOP, FREE, FREE, FREE, FREE, FREE },
     };
-    for (int mode = 0; mode < 3; mode++)
-        for (int t = 0; t < 4; t++) {
-            servo_init(&servo, &model, NULL, start_q, 1);
-            ck_assert_int_eq(servo.s.mode, SERVO_STOP);
-            if (mode != SERVO_STOP)
-                say(mode == SERVO_CONTROL ? DRV_START : DRV_BRAKE_RELEASE);
-            ck_assert_int_eq(servo.s.mode, mode);
-            say(type[t]);
-            ck_assert_int_eq(servo.s.mode, next[mode][t]);
-            ck_assert_uint_eq(servo.plant.locked, 0x7f); /* no telegram so far took a brake off */
-            servo_tick(&servo);
-            ck_assert_int_eq(servo.s.mode, next[mode][t]);
-        }
+    for (int k = 0; k < 2 * 3 * 7; k++) {
+        int mode = k / 2 / 7, t = k / 2 % 7;
+        set_up_format(k % 2 ? DRV_FORMAT_B : DRV_FORMAT_A);
+        ck_assert_int_eq(servo.s.mode, SERVO_STOP);
+        if (mode != SERVO_STOP)
+            say(mode == SERVO_CONTROL ? DRV_START : DRV_BRAKE_RELEASE);
+        ck_assert_int_eq(servo.s.mode, mode);
+        say(type[t]);
+        ck_assert_int_eq(servo.s.mode, next[mode][t]);
+        ck_assert_uint_eq(servo.plant.locked, 0x7f); /* no telegram so far took a brake off */
+        servo_tick(&servo);
+        ck_assert_int_eq(servo.s.mode, next[mode][t]);
+    }
 }
 END_TEST
 
@@ -132,56 +151,68 @@ START_TEST(test_unknown_types_and_wrong_lengths_get_no_answer)
 {
     struct hdt_frame in, out;
     struct servo before;
-    say(DRV_START);
-    for (int type = 0; type < 256; type++)
-        for (unsigned len = 0; len <= HDT_FRAME_MAX; len++) {
-            int known = ((type == 'S' || type == 'E' || type == 'T') && len == 2)
-                        || (type == 'C' && len == DRV_COMMAND_LEN);
-            if (known)
-                continue;
-            memset(&in, 0, sizeof in);
-            in.len = (uint16_t)len;
-            in.data[1] = (uint8_t)type;
-            before = servo;
-            ck_assert_int_eq(servo_answer(&servo, &in, &out), 0);
-            before.s.refused++;
-            ck_assert(memcmp(&before, &servo, sizeof servo) == 0);
-        }
+    for (int b = 0; b < 2; b++) {
+        set_up_format(b ? DRV_FORMAT_B : DRV_FORMAT_A);
+        say(DRV_START);
+        for (int type = 0; type < 256; type++)
+            for (unsigned len = 0; len <= HDT_FRAME_MAX; len++) {
+                int known = ((type == 'S' || type == 'E' || type == 'T') && len == 2)
+                            || (type == 'C' && len == (b ? 46u : 37u));
+                if (known) /* M, R and A are of axis 0 here, which there is not */
+                    continue;
+                memset(&in, 0, sizeof in);
+                in.len = (uint16_t)len;
+                in.data[1] = (uint8_t)type;
+                before = servo;
+                ck_assert_int_eq(servo_answer(&servo, &in, &out), 0);
+                before.s.refused++;
+                ck_assert(memcmp(&before, &servo, sizeof servo) == 0);
+            }
+    }
 }
 END_TEST
 
+/* Commands just in time keep mode `release` going, one too late stops it. */
+static void watchdog(enum drv_format format, double own_s, double limit_s, int release)
+{
+    struct servo_cfg cfg = { .format = format, .watchdog_s = own_s };
+    servo_init(&servo, &model, &cfg, start_q, 1);
+    say(release ? DRV_BRAKE_RELEASE : DRV_START);
+    for (int k = 0; k < 5; k++) {
+        drive(-1, DRIVE, 100);
+        for (int t = 0; t < (int)(limit_s * SERVO_RATE_HZ); t++)
+            servo_tick(&servo);
+        ck_assert_int_ne(servo.s.mode, SERVO_STOP);
+    }
+    ck_assert_uint_eq(servo.plant.locked, 0);
+    drive(-1, DRIVE, 100);
+    for (int t = 0; t < (int)(limit_s * SERVO_RATE_HZ) + 3; t++) {
+        servo_tick(&servo);
+        say('R'); /* any other telegram feeds no watchdog */
+    }
+    ck_assert_int_eq(servo.s.mode, SERVO_STOP);
+    ck_assert_uint_eq(servo.plant.locked, 0x7f);
+}
+
 START_TEST(test_watchdog_stops_brakes_and_raises_alarms)
 {
-    for (int release = 0; release < 2; release++)
-        for (int own = 0; own < 2; own++) {
-            struct servo_cfg cfg = { .watchdog_s = own ? 0.1 : 0 };
-            double limit = own ? 0.1 : 0.4;
-            servo_init(&servo, &model, &cfg, start_q, 1);
-            say(release ? DRV_BRAKE_RELEASE : DRV_START);
-            for (int k = 0; k < 5; k++) { /* a command just in time, again and again */
-                drive(-1, DRIVE, 100);
-                for (int t = 0; t < (int)(limit * SERVO_RATE_HZ); t++)
-                    servo_tick(&servo);
-                ck_assert_int_ne(servo.s.mode, SERVO_STOP);
-            }
-            ck_assert_uint_eq(servo.plant.locked, 0);
-            drive(-1, DRIVE, 100);
-            for (int t = 0; t < (int)(limit * SERVO_RATE_HZ) + 3; t++)
-                servo_tick(&servo);
-            ck_assert_int_eq(servo.s.mode, SERVO_STOP);
-            ck_assert_uint_eq(servo.plant.locked, 0x7f);
-            struct drv_state s = say(DRV_CYCLIC);
-            ck_assert_uint_eq(alarm_of(s.driver_status), DRV_DRIVER_HOST_TIMEOUT);
-            for (int i = 0; i < N; i++) {
-                ck_assert_uint_eq(alarm_of(s.axis[i].status), DRV_ALARM_TIMEOUT);
-                ck_assert(s.axis[i].status & DRV_AXIS_UNCONTROLLABLE);
-                ck_assert(s.axis[i].status & DRV_AXIS_POWER_OFF);
-            }
-            say(own ? DRV_START : DRV_END); /* either way back clears */
-            s = say(DRV_CYCLIC);
-            ck_assert_uint_eq(s.driver_status, 0);
-            ck_assert_uint_eq(alarm_of(s.axis[0].status), 0);
+    for (int k = 0; k < 8; k++) {
+        enum drv_format format = k & 1 ? DRV_FORMAT_B : DRV_FORMAT_A;
+        double own_s = k & 2 ? 0.1 : 0;
+        watchdog(format, own_s, own_s > 0 ? own_s : k & 1 ? 0.010 : 0.4, k & 4);
+        struct drv_state s = say(DRV_CYCLIC);
+        ck_assert_uint_eq(alarm_of(s.driver_status), DRV_DRIVER_HOST_TIMEOUT);
+        ck_assert(s.driver_status & DRV_DRIVER_UNCONTROLLABLE);
+        for (int i = 0; i < N; i++) {
+            ck_assert_uint_eq(alarm_of(s.axis[i].status), DRV_ALARM_TIMEOUT);
+            ck_assert(s.axis[i].status & DRV_AXIS_UNCONTROLLABLE);
+            ck_assert(s.axis[i].status & DRV_AXIS_POWER_OFF);
         }
+        say(own_s > 0 ? DRV_START : DRV_END); /* either way back clears */
+        s = say(DRV_CYCLIC);
+        ck_assert_uint_eq(alarm_of(s.driver_status), 0);
+        ck_assert_uint_eq(alarm_of(s.axis[0].status), 0);
+    }
 }
 END_TEST
 
@@ -190,7 +221,7 @@ START_TEST(test_stop_needs_no_host)
     for (int t = 0; t < 3 * SERVO_RATE_HZ; t++)
         servo_tick(&servo);
     struct drv_state s = say(DRV_CYCLIC);
-    ck_assert_uint_eq(s.driver_status, 0);
+    ck_assert_uint_eq(s.driver_status, DRV_DRIVER_DEADMAN_ON);
     ck_assert_uint_eq(s.axis[1].status, DRV_AXIS_POWER_OFF);
 }
 END_TEST
@@ -356,6 +387,244 @@ START_TEST(test_axes_the_arm_lacks_are_zero_and_joints_past_the_telegram_stay_br
 }
 END_TEST
 
+START_TEST(test_format_b_counts_torque_in_rated_over_4096_and_reports_speed)
+{
+    struct servo_cfg cfg = { .format = DRV_FORMAT_B, .watchdog_s = 1, .rated_m_nm = { [2] = 1.5 } };
+    servo_init(&servo, &model, &cfg, start_q, 1);
+    say(DRV_START);
+    drive_for(2, TORQUE, -1234, 0.01);
+    ck_assert_double_eq_tol(servo.s.tau_m_nm[2], -1234 * 1.5 / 4096, 1e-12);
+    ck_assert_int_eq(drive(2, TORQUE, -1234).axis[2].torque_dig, -1234);
+    drive_for(2, TORQUE, 32767, 0.01);
+    ck_assert_double_eq(servo.s.tau_m_nm[2], 2.0);
+    ck_assert_int_eq(drive(2, TORQUE, 0).axis[2].torque_dig, (int)nearbyint(2.0 / 1.5 * 4096));
+    drive_for(3, TORQUE, 4096, 0.01); /* no rated torque given: the model's limit */
+    ck_assert_double_eq(servo.s.tau_m_nm[3], model.joint[3].tau_max_m_nm);
+
+    servo_init(&servo, &model, &cfg, start_q, 1);
+    say(DRV_START);
+    for (int sign = -1; sign <= 1; sign += 2) {
+        drive_for(0, DRIVE, (int16_t)(sign * 2000), 0.5); /* 0.4 rad/s */
+        ck_assert_double_eq_tol(drive(0, DRIVE, 0).axis[0].speed_dig, sign * 2000, 200);
+        ck_assert_int_eq(drive(0, DRIVE, 0).axis[0].speed_dig,
+                         (int)nearbyint(servo.s.speed_radps[0] / 0.0002));
+    }
+    servo.s.speed_radps[0] = 100;
+    ck_assert_int_eq(drive(0, DRIVE, 0).axis[0].speed_dig, 32767);
+}
+END_TEST
+
+/* ---- M, R, A ---- */
+
+static int32_t long_word(const struct drv_state *s, int high, int low)
+{
+    return (int32_t)((uint32_t)s->word[high] << 16 | s->word[low]);
+}
+
+START_TEST(test_table_holds_soft_limits_zero_offset_and_poles)
+{
+    for (int b = 0; b < 2; b++) {
+        struct servo_cfg cfg = { .format = b ? DRV_FORMAT_B : DRV_FORMAT_A, .poles = b ? 4 : 0 };
+        servo_init(&servo, &model, &cfg, start_q, 1);
+        model.joint[5].q_min_rad = -1.25;
+        servo.zero_cnt[5] = -70000;
+        for (int i = 0; i < N; i++) {
+            struct drv_state s = select_axis('R', i + 1);
+            /* degrees as the public driver reads them: 360 x 4 / (65536 50), x in counts */
+            double degree = 360.0 * 4 / (65536.0 * 50), per_rad = 180 / 3.14159265358979;
+            ck_assert_double_eq_tol(long_word(&s, 18, 19) * degree, model.joint[i].q_max_rad * per_rad, 3e-4);
+            ck_assert_double_eq_tol(long_word(&s, 20, 21) * degree, model.joint[i].q_min_rad * per_rad, 3e-4);
+            ck_assert_int_eq(long_word(&s, 23, 22), i == 5 ? -70000 : 0);
+            ck_assert_uint_eq(s.word[27], b ? 4 : 8);
+        }
+        struct drv_command c = { .type = 'R', .axis_no = 6, .address = 32 };
+        struct drv_state s = ask(&c);
+        for (int k = 0; k < DRV_TABLE_WORDS; k++)
+            ck_assert_uint_eq(s.word[k], 0);
+    }
+}
+END_TEST
+
+START_TEST(test_zero_is_set_in_stop_only_and_moves_nothing)
+{
+    for (int b = 0; b < 2; b++) {
+        set_up_format(b ? DRV_FORMAT_B : DRV_FORMAT_A);
+        int32_t before[N];
+        struct drv_state s = say(DRV_CYCLIC);
+        for (int i = 0; i < N; i++)
+            before[i] = s.axis[i].count;
+        ck_assert_int_ne(before[3], 0);
+        say(DRV_START);
+        select_axis('M', 4);
+        ck_assert_int_eq(say(DRV_CYCLIC).axis[3].count, before[3]);
+        say(DRV_END);
+        double at = rotor_rad(3);
+        select_axis('M', 4);
+        s = say(DRV_CYCLIC);
+        ck_assert_int_eq(s.axis[3].count, 0);
+        for (int i = 0; i < N; i++)
+            ck_assert_int_eq(s.axis[i].count, i == 3 ? 0 : before[i]);
+        ck_assert(rotor_rad(3) == at);
+        s = select_axis('R', 4);
+        ck_assert_int_eq(long_word(&s, 23, 22), -before[3]);
+        ck_assert_uint_eq(alarm_of(say(DRV_CYCLIC).axis[3].status), 0);
+    }
+}
+END_TEST
+
+START_TEST(test_clear_takes_one_axis_and_with_the_last_the_driver)
+{
+    for (int b = 0; b < 2; b++) {
+        watchdog(b ? DRV_FORMAT_B : DRV_FORMAT_A, 0.1, 0.1, 0);
+        for (int i = 0; i < N; i++) {
+            struct drv_state s = say(DRV_CYCLIC);
+            for (int k = 0; k < N; k++)
+                ck_assert_uint_eq(alarm_of(s.axis[k].status), k < i ? 0 : DRV_ALARM_TIMEOUT);
+            ck_assert_uint_eq(alarm_of(s.driver_status), DRV_DRIVER_HOST_TIMEOUT);
+            select_axis('A', i + 1);
+        }
+        ck_assert_uint_eq(say(DRV_CYCLIC).driver_status, DRV_DRIVER_DEADMAN_ON);
+        ck_assert_int_eq(servo.s.mode, SERVO_STOP);
+    }
+}
+END_TEST
+
+START_TEST(test_axes_the_arm_lacks_are_selected_without_effect)
+{
+    struct plant_model shorter = pa10_plant();
+    shorter.joints = 4;
+    model = checked(shorter);
+    servo_init(&servo, &model, NULL, start_q, 1);
+    struct servo before = servo;
+    static const uint8_t types[3] = { 'M', 'R', 'A' };
+    for (int t = 0; t < 3; t++)
+        for (int axis_no = 5; axis_no <= 7; axis_no++) {
+            struct drv_state s = select_axis(types[t], axis_no);
+            for (int k = 0; k < DRV_TABLE_WORDS; k++)
+                ck_assert_uint_eq(s.word[k], 0);
+        }
+    before.s.answered += 9;
+    ck_assert(memcmp(&before, &servo, sizeof servo) == 0);
+}
+END_TEST
+
+/* ---- switches, and alarms of single axes ---- */
+
+START_TEST(test_emergency_stop_stops_and_holds_until_released)
+{
+    for (int b = 0; b < 2; b++) {
+        struct servo_cfg cfg = { .format = b ? DRV_FORMAT_B : DRV_FORMAT_A, .watchdog_s = 1 };
+        servo_init(&servo, &model, &cfg, start_q, 1);
+        say(DRV_START);
+        drive_for(-1, DRIVE, 500, 0.2);
+        servo_emergency_stop(&servo, 1);
+        ck_assert_int_eq(servo.s.mode, SERVO_STOP);
+        ck_assert_uint_eq(servo.plant.locked, 0x7f);
+        servo_tick(&servo);
+        for (int i = 0; i < N; i++)
+            ck_assert_double_eq(servo.s.tau_m_nm[i], 0);
+        for (int k = 0; k < 4; k++) { /* nothing leads out of it */
+            select_axis("AAST"[k], "\1\2\0\0"[k]);
+            say(DRV_END);
+            struct drv_state s = say(DRV_CYCLIC);
+            ck_assert_int_eq(servo.s.mode, SERVO_STOP);
+            ck_assert_uint_eq(alarm_of(s.driver_status), DRV_DRIVER_EMERGENCY_STOP);
+            ck_assert(s.driver_status & DRV_DRIVER_EMERGENCY_OPEN);
+            for (int i = 0; i < N; i++)
+                ck_assert_uint_eq(alarm_of(s.axis[i].status), DRV_ALARM_EMERGENCY_STOP);
+        }
+        servo_emergency_stop(&servo, 0);
+        struct drv_state s = say(DRV_CYCLIC); /* latched, but the switch reads closed */
+        ck_assert_uint_eq(alarm_of(s.driver_status), DRV_DRIVER_EMERGENCY_STOP);
+        ck_assert(!(s.driver_status & DRV_DRIVER_EMERGENCY_OPEN));
+        say(DRV_START);
+        ck_assert_int_eq(servo.s.mode, SERVO_CONTROL);
+        ck_assert_uint_eq(say(DRV_CYCLIC).driver_status, DRV_DRIVER_DEADMAN_ON | DRV_DRIVER_POWER_ON);
+    }
+}
+END_TEST
+
+START_TEST(test_dead_man_switch_counts_only_when_watched)
+{
+    for (int k = 0; k < 4; k++) {
+        int b = k & 1, watched = k & 2;
+        struct servo_cfg cfg = { .format = b ? DRV_FORMAT_B : DRV_FORMAT_A, .watchdog_s = 1 };
+        struct drv_command c = { .type = DRV_CYCLIC };
+        servo_init(&servo, &model, &cfg, start_q, 1);
+        if (watched && b)
+            c.driver_mode = DRV_DRIVER_WATCH_DEADMAN;
+        if (watched && !b)
+            c.axis[4].mode = DRV_AXIS_DEADMAN;
+        if (!watched && b)
+            c.axis[4].mode = 0x0008; /* Format A's bit is none in B */
+        say(DRV_START);
+        ask(&c);
+        servo_tick(&servo);
+        ck_assert_int_eq(servo.s.mode, SERVO_CONTROL);
+        servo_deadman(&servo, 1);
+        servo_tick(&servo);
+        ck_assert_int_eq(servo.s.mode, watched ? SERVO_STOP : SERVO_CONTROL);
+        struct drv_state s = say(DRV_CYCLIC);
+        ck_assert_uint_eq(alarm_of(s.driver_status), watched ? DRV_DRIVER_DEADMAN : 0);
+        ck_assert_uint_eq(alarm_of(s.axis[0].status), watched ? DRV_ALARM_DEADMAN : 0);
+        ck_assert(!(s.driver_status & DRV_DRIVER_DEADMAN_ON));
+        say(DRV_START); /* stopping has forgotten who watches */
+        servo_tick(&servo);
+        ck_assert_int_eq(servo.s.mode, SERVO_CONTROL);
+        servo_deadman(&servo, 0);
+        ck_assert(say(DRV_CYCLIC).driver_status & DRV_DRIVER_DEADMAN_ON);
+    }
+}
+END_TEST
+
+/* Axis 3 too fast; axes with an even index stop on an alarm of another, or none does. */
+static struct drv_state axis_alarm(enum drv_format format, int stop_with_others)
+{
+    struct servo_cfg cfg = { .format = format, .watchdog_s = 1, .v_trip_radps = 0.5 };
+    struct drv_command c = { .type = DRV_CYCLIC };
+    servo_init(&servo, &model, &cfg, start_q, 1);
+    say(DRV_START);
+    for (int i = 0; i < N; i++) {
+        c.axis[i].mode = (uint16_t)(DRIVE | (stop_with_others && i % 2 == 0 ? DRV_AXIS_STOP_ALL : 0));
+        c.axis[i].speed_dig = i == 3 ? 3500 : 200;
+    }
+    for (int k = 0; k < SERVO_RATE_HZ / 2; k++) {
+        ask(&c);
+        servo_tick(&servo);
+    }
+    return ask(&c);
+}
+
+START_TEST(test_alarm_of_an_axis_stops_all_in_format_a_and_those_that_ask_in_b)
+{
+    struct drv_state s = axis_alarm(DRV_FORMAT_A, 1);
+    ck_assert_int_eq(servo.s.mode, SERVO_STOP);
+    ck_assert_uint_eq(alarm_of(s.axis[3].status), DRV_ALARM_OVER_VELOCITY);
+    for (int with = 0; with < 2; with++) {
+        s = axis_alarm(DRV_FORMAT_B, with);
+        uint32_t halted = with ? 0x5d : 0x08;
+        ck_assert_int_eq(servo.s.mode, SERVO_CONTROL);
+        ck_assert_uint_eq(servo.plant.locked, halted);
+        for (int i = 0; i < N; i++) {
+            int is = halted >> i & 1;
+            ck_assert_uint_eq(alarm_of(s.axis[i].status), i == 3 ? DRV_ALARM_OVER_VELOCITY : 0);
+            ck_assert_int_eq((s.axis[i].status & DRV_AXIS_UNCONTROLLABLE) != 0, is);
+            ck_assert_int_eq((s.axis[i].status & DRV_AXIS_POWER_OFF) != 0, is);
+            ck_assert((servo.s.tau_m_nm[i] == 0) == is);
+        }
+    }
+    /* cleared, it stands until it is told again */
+    select_axis('A', 4);
+    servo_tick(&servo);
+    ck_assert_uint_eq(servo.plant.locked, 0x5d);
+    ck_assert_double_eq(servo.s.tau_m_nm[3], 0);
+    drive_for(-1, DRIVE, 200, 0.3);
+    ck_assert_uint_eq(servo.plant.locked, 0);
+    ck_assert_uint_eq(drive(-1, DRIVE, 200).axis[3].status, 0);
+    ck_assert_double_eq_tol(servo.plant.thd_m_radps[3] / PA10_RATIO, 0.04, 0.02);
+}
+END_TEST
+
 /* ---- velocity loop ---- */
 
 /* Bounds below: mean over the stretch; the rotor's way against the ideal ramp; speed ripple. */
@@ -479,7 +748,7 @@ START_TEST(test_over_velocity_stops_the_arm)
     ck_assert_int_eq(servo.s.mode, SERVO_STOP);
     ck_assert_uint_eq(alarm_of(s.axis[2].status), DRV_ALARM_OVER_VELOCITY);
     ck_assert_uint_eq(alarm_of(s.axis[1].status), 0);
-    ck_assert_uint_eq(s.driver_status, 0);
+    ck_assert_uint_eq(alarm_of(s.driver_status), 0);
 }
 END_TEST
 
@@ -509,28 +778,37 @@ END_TEST
 
 START_TEST(test_any_bytes_are_safe_and_numbers_stay_numbers)
 {
-    static const uint8_t types[] = { 'S', 'E', 'C', 'T', 'C', 'C', 'C', 'S' };
+    static const uint8_t types[] = { 'S', 'E', 'C', 'T', 'C', 'C', 'C', 'S', 'M', 'R', 'A' };
     uint64_t rng = 99;
-    for (int k = 0; k < 10 * SERVO_RATE_HZ; k++) {
+    set_up_format(_i ? DRV_FORMAT_B : DRV_FORMAT_A);
+    for (int k = 0; k < 6 * SERVO_RATE_HZ; k++) {
         struct hdt_frame in, out;
         for (int b = 0; b < HDT_FRAME_MAX; b++)
             in.data[b] = (uint8_t)test_random(&rng);
         in.len = (uint16_t)(test_random(&rng) % (HDT_FRAME_MAX + 1));
         if (test_random(&rng) % 2) { /* well formed, random inside */
             in.data[1] = types[test_random(&rng) % sizeof types];
-            in.len = in.data[1] == 'C' ? DRV_COMMAND_LEN : 2;
+            in.len = in.data[1] == 'C' ? _i ? DRV_COMMAND_LEN_B : DRV_COMMAND_LEN
+                     : strchr("MRA", in.data[1]) ? 4 : 2;
+            in.data[2] = in.data[1] == 'A' && _i ? 0 : in.data[1] == 'C' ? in.data[2] : in.data[2] % 9;
+            in.data[3] = in.data[1] == 'M' || (in.data[1] == 'A' && !_i) ? 0 : in.data[3];
         }
         if (test_random(&rng) % 4 == 0) {
             struct drv_state s;
             if (servo_answer(&servo, &in, &out))
-                ck_assert_int_eq(drv_state_decode(&out, &s), DRV_TELEGRAM_OK);
+                ck_assert_int_eq(drv_state_decode(servo.cfg.format, &out, &s), DRV_TELEGRAM_OK);
         }
+        if (test_random(&rng) % 512 == 0)
+            servo_emergency_stop(&servo, test_random(&rng) % 3 == 0);
+        servo_deadman(&servo, test_random(&rng) % 64 == 0);
         servo_tick(&servo);
         for (int i = 0; i < N; i++) {
             ck_assert(isfinite(servo.plant.q_rad[i]) && isfinite(servo.plant.thd_m_radps[i]));
             ck_assert(isfinite(servo.s.tau_m_nm[i]) && isfinite(servo.s.speed_radps[i]));
             ck_assert_double_le(fabs(servo.s.tau_m_nm[i]), model.joint[i].tau_max_m_nm);
         }
+        ck_assert(servo.s.mode != SERVO_STOP || servo.plant.locked == 0x7f);
+        ck_assert(!servo.s.emergency || servo.s.mode == SERVO_STOP);
     }
     ck_assert_uint_gt(servo.s.answered, 100);
     ck_assert_uint_gt(servo.s.refused, 100);
@@ -578,7 +856,7 @@ START_TEST(test_serve_answers_what_waits_and_passes_failures_on)
     struct drv_command c = { .seq = 3, .type = DRV_START };
     struct script s = { .result = { 0, HDT_BUS_ERR_FRAME, 0, HDT_BUS_ERR_AGAIN } };
     struct hdt_bus bus = { .ctx = &s, .send = script_send, .recv = script_recv };
-    drv_command_encode(&c, &s.frame);
+    drv_command_encode(DRV_FORMAT_A, &c, &s.frame);
     ck_assert_int_eq(servo_serve(&servo, &bus), 2);
     ck_assert_int_eq(s.sent, 2);
     ck_assert_uint_eq(servo.s.refused, 1);
@@ -588,6 +866,12 @@ START_TEST(test_serve_answers_what_waits_and_passes_failures_on)
                          .send_result = HDT_BUS_ERR_AGAIN,
                          .frame = s.frame };
     ck_assert_int_eq(servo_serve(&servo, &bus), 1);
+    uint64_t refused = servo.s.refused; /* an answer this bus cannot carry: not the end of serving */
+    s = (struct script){ .result = { 0, 0, HDT_BUS_ERR_AGAIN },
+                         .send_result = HDT_BUS_ERR_FRAME,
+                         .frame = s.frame };
+    ck_assert_int_eq(servo_serve(&servo, &bus), 0);
+    ck_assert_uint_eq(servo.s.refused, refused + 2);
     s = (struct script){ .result = { 0, HDT_BUS_ERR_AGAIN },
                          .send_result = HDT_BUS_ERR_DOWN,
                          .frame = s.frame };
@@ -611,7 +895,7 @@ START_TEST(test_serve_comes_back_from_a_flood)
     struct drv_command c = { .seq = 3, .type = DRV_CYCLIC };
     struct script s = { .at = 0 };
     struct hdt_bus bus = { .ctx = &s, .send = script_send, .recv = flood_recv };
-    drv_command_encode(&c, &s.frame);
+    drv_command_encode(DRV_FORMAT_A, &c, &s.frame);
     ck_assert_int_gt(servo_serve(&servo, &bus), 1);
 }
 END_TEST
@@ -634,6 +918,14 @@ static Suite *servo_suite(void)
     tcase_add_test(words, test_position_word_is_the_rotor_not_the_link);
     tcase_add_test(words,
                    test_axes_the_arm_lacks_are_zero_and_joints_past_the_telegram_stay_braked);
+    tcase_add_test(words, test_format_b_counts_torque_in_rated_over_4096_and_reports_speed);
+    tcase_add_test(modes, test_table_holds_soft_limits_zero_offset_and_poles);
+    tcase_add_test(modes, test_zero_is_set_in_stop_only_and_moves_nothing);
+    tcase_add_test(modes, test_clear_takes_one_axis_and_with_the_last_the_driver);
+    tcase_add_test(modes, test_axes_the_arm_lacks_are_selected_without_effect);
+    tcase_add_test(rest, test_emergency_stop_stops_and_holds_until_released);
+    tcase_add_test(rest, test_dead_man_switch_counts_only_when_watched);
+    tcase_add_test(rest, test_alarm_of_an_axis_stops_all_in_format_a_and_those_that_ask_in_b);
     tcase_add_test(loop, test_velocity_loop_holds_speed_on_every_joint);
     tcase_add_test(loop, test_velocity_loop_has_a_gain_margin_of_one_and_a_half);
     tcase_add_test(loop, test_speed_mode_brought_to_a_halt_stands);
@@ -641,7 +933,7 @@ static Suite *servo_suite(void)
     tcase_add_test(loop, test_change_from_torque_to_speed_is_bumpless);
     tcase_add_test(rest, test_over_velocity_stops_the_arm);
     tcase_add_test(rest, test_position_limit_stops_the_arm_and_lets_it_back);
-    tcase_add_test(rest, test_any_bytes_are_safe_and_numbers_stay_numbers);
+    tcase_add_loop_test(rest, test_any_bytes_are_safe_and_numbers_stay_numbers, 0, 2);
     tcase_add_test(rest, test_same_seed_same_bytes_and_a_copy_replays);
     tcase_add_test(rest, test_serve_answers_what_waits_and_passes_failures_on);
     tcase_add_test(rest, test_serve_comes_back_from_a_flood);

@@ -68,7 +68,7 @@ static inline void rig_serve(struct rig_servo *s)
     int e;
     while ((e = s->bus.recv(s->bus.ctx, &f)) == HDT_BUS_OK || e == HDT_BUS_ERR_FRAME) {
         struct drv_command c;
-        if (e == HDT_BUS_ERR_FRAME || drv_command_decode(&f, &c) != DRV_TELEGRAM_OK) {
+        if (e == HDT_BUS_ERR_FRAME || drv_command_decode(DRV_FORMAT_A, &f, &c) != DRV_TELEGRAM_OK) {
             s->refused++;
             continue;
         }
@@ -84,7 +84,7 @@ static inline void rig_serve(struct rig_servo *s)
             s->control = c.type == DRV_START;
         s->state.seq = c.seq;
         s->state.type = c.type;
-        (void)drv_state_encode(&s->state, &f);
+        (void)drv_state_encode(DRV_FORMAT_A, &s->state, &f);
         (void)s->bus.send(s->bus.ctx, &f);
     }
 }

@@ -20,7 +20,7 @@ static void command(struct servo *v, uint8_t type, double t_s)
         c.axis[i].mode = DRV_AXIS_SERVO;
         c.axis[i].speed_dig = (int16_t)(1000 * sin(1.5 * t_s + i));
     }
-    drv_command_encode(&c, &in);
+    drv_command_encode(DRV_FORMAT_A, &c, &in);
     servo_answer(v, &in, &out);
 }
 
