@@ -5,6 +5,7 @@
 
 #include "tools/hdt_cli.hpp"
 #include "tools/hdt_rig.hpp"
+#include "tools/hdt_world.hpp"
 
 namespace hdt::cli {
 
@@ -18,25 +19,6 @@ struct SimOptions {
     bool terms = false;
 };
 
-// The control rate against the servo's own tick, both in virtual time.
-struct World {
-    drv_loop loop{};
-    hdt_bus host_bus{}, servo_bus{};
-    std::unique_ptr<servo> driver = std::make_unique<servo>();
-    std::unique_ptr<drv_host> host = std::make_unique<drv_host>();
-    uint64_t servo_ticks = 0;
-
-    // Serve and advance the servo up to host time t.
-    void servo_until(double t_s)
-    {
-        while (static_cast<double>(servo_ticks + 1) / SERVO_RATE_HZ <= t_s) {
-            servo_serve(driver.get(), &servo_bus);
-            servo_tick(driver.get());
-            servo_ticks++;
-        }
-    }
-};
-
 // What the run is about, for the head of its log.
 std::vector<std::string> log_head(const SimOptions &o)
 {
@@ -48,24 +30,21 @@ std::vector<std::string> log_head(const SimOptions &o)
     return head;
 }
 
-// Host periods and servo ticks in the order of time until the run ends; false: the log failed.
-bool play(World &world, drv_ring &ring, drv_writer *writer, double rate_hz, unsigned samples)
+// The run, its records to the log; false: the log failed.
+bool play(rig::World &world, drv_writer *writer, unsigned samples)
 {
     Progress progress("hdt sim");
     auto record = std::make_unique<drv_record>();
-    drv_host_phase phase = DRV_HOST_STARTING;
-    for (uint64_t k = 1; phase < DRV_HOST_DONE; k++) {
-        double t_s = static_cast<double>(k) / rate_hz;
-        world.servo_until(t_s);
+    bool written = true;
+    world.play([&](rig::World &w) {
+        while (written && drv_ring_pop(&w.ring(), record.get()))
+            written = drv_writer_put(writer, record.get()) == 0;
+        progress.at(static_cast<double>(w.host().sample) / samples);
         if (stopped())
-            drv_host_stop(world.host.get());
-        phase = drv_host_period(world.host.get(), static_cast<uint64_t>(t_s * 1e6));
-        while (drv_ring_pop(&ring, record.get()))
-            if (drv_writer_put(writer, record.get()) != 0)
-                return false;
-        progress.at(static_cast<double>(world.host->sample) / samples);
-    }
-    return true;
+            drv_host_stop(&w.host());
+        return written;
+    });
+    return written;
 }
 
 int run(const SimOptions &o)
@@ -88,26 +67,18 @@ int run(const SimOptions &o)
     plant_model plant = rig::plant_from_arm(arm, o.individual);
     rig::hide_all(plant, arm, o.effects, o.effect_file);
 
-    World world;
-    drv_loop_pair(&world.loop, &world.host_bus, &world.servo_bus);
+    rig::WorldSetup setup;
+    setup.mode = rig::mode_of(o.mode);
+    setup.seed = o.seed;
+    setup.records = 16;
     Eigen::VectorXd start = reference.q_rad.row(0);
-    servo_cfg servo_options = {};
-    servo_init(world.driver.get(), &plant, &servo_options, start.data(), o.seed);
-    std::vector<drv_record> slots(16);
-    drv_ring ring;
-    drv_ring_init(&ring, slots.data(), static_cast<unsigned>(slots.size()));
-    drv_reference view = fixed.view();
-    drv_host_cfg cfg = {};
-    cfg.mode = rig::mode_of(o.mode);
-    cfg.settle_s = 0.2;
-    if (drv_host_init(world.host.get(), &tables, &world.host_bus, &ring, &view, &cfg) != HDT_OK)
-        throw InputError(o.arm + ": the core does not accept its tables");
+    rig::World world(tables, plant, fixed, model.control_rate_hz, {start.begin(), start.end()}, setup);
 
     drv_writer *writer = rig::open_log(o.out, tables, model, log_head(o), o.terms);
-    bool written = play(world, ring, writer, model.control_rate_hz, view.samples);
+    bool written = play(world, writer, fixed.view().samples);
     if (drv_writer_close(writer, written) != 0 || !written)
         throw InputError(o.out + ": the log could not be written (disk full?)");
-    return rig::explain_end("hdt sim", *world.host);
+    return rig::explain_end("hdt sim", world.host());
 }
 
 } // namespace
