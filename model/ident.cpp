@@ -26,13 +26,13 @@ namespace {
 
 constexpr Index min_blocks = 50;        // of a joint
 constexpr Index min_way_blocks = 30;    // in one direction
-constexpr Index min_region_blocks = 20; // per line of stiffness
 constexpr double clear_sigmas = 2;
 constexpr double worth_rms = 1.01;      // a declared term that lowers rms by less is not in the data
 constexpr double useful_sigma = 0.5;    // of the file's number
 constexpr double fast_enough = 0.3;     // of the other direction's top speed
 constexpr double scale_sigma_max = 0.1;
 constexpr double loaded_nm = 0.5;       // rms gravity torque that can show a scale
+constexpr double outer_slope_max = 0.5; // N.m/N.m, of the soft wind-up lines beyond the fall
 constexpr int rounds_max = 12, searches_max = 5;
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 
@@ -63,6 +63,15 @@ bool spans_regions(const JointRows &r, int way, const hdt_arm_stiffness &k)
     return std::min({n[0], n[1], n[2]}) >= min_region_blocks;
 }
 
+// The line that holds load 0 is told apart from neither the masses nor Coulomb friction: those take
+// its slope and its value.
+void flatten_home(hdt_arm_stiffness *k)
+{
+    int home = 0 < k->t1_nm ? 0 : 0 <= k->t2_nm ? 1 : 2;
+    k->slope[home] = 0;
+    k->zero_nm = 0;
+}
+
 void set_free(const hdt_arm_joint &joint, JointFitState *j)
 {
     JointModel &m = j->model;
@@ -73,6 +82,8 @@ void set_free(const hdt_arm_joint &joint, JointFitState *j)
     if (m.has_stiffness) {
         bool both = spans_regions(j->rows, 0, m.stiffness[0]) && spans_regions(j->rows, 1, m.stiffness[1]);
         m.free_stiffness[0] = m.free_stiffness[1] = both;
+        for (int way = 0; way < 2 && both; way++)
+            flatten_home(&m.stiffness[way]);
     }
     double range = j->rows.q.maxCoeff() - j->rows.q.minCoeff();
     for (int k = 0; k < joint.ripples; k++)
@@ -179,7 +190,9 @@ void iterate(const hdt_arm &arm, Fit *f)
             choose_base(arm, f);
         solve_all(f);
         reweight(&f->problem);
-        if (!search_stribeck(&f->problem))
+        bool moved = search_knots(&f->problem);
+        moved = search_stribeck(&f->problem) || moved;
+        if (!moved)
             break;
     }
     solve_all(f);
@@ -297,21 +310,53 @@ bool judge_ripple(const JointModel &prior, JointFitState *j)
     return changed;
 }
 
-// Lines the data cannot tell stay as the file has them.
+// Are both ends of the fall in the data?  An outer line as steep as the fall is the fall itself, cut
+// off where the loads end.
+bool shows_fall(const JointFitState &j, int way)
+{
+    hdt_arm_stiffness k = j.model.stiffness[way];
+    slopes_from(j.model.kink[way], &k);
+    return std::fabs(0 < k.t1_nm ? k.slope[2] : k.slope[0]) <= outer_slope_max;
+}
+
+bool tells_stiffness(const JointModel &prior, const JointFitState &j, int way)
+{
+    const JointModel &m = j.model;
+    bool told = false;
+    for (int k = 0; k < 2; k++)
+        told = told || excited(m.kink[way][k], sigma_of(j, k == 0 ? KINK_1 : KINK_2, way, 0), prior.kink[way][k]);
+    return told && shows_fall(j, way);
+}
+
+void mirror_stiffness(int from, JointModel *m)
+{
+    int to = 1 - from;
+    m->stiffness[to] = m->stiffness[from];
+    m->stiffness[to].t1_nm = -m->stiffness[from].t2_nm;
+    m->stiffness[to].t2_nm = -m->stiffness[from].t1_nm;
+    std::reverse(m->stiffness[to].slope, m->stiffness[to].slope + 3);
+    std::copy(m->kink[from], m->kink[from] + 2, m->kink[to]);
+}
+
+// Lines the data cannot tell are those of the other direction, mirrored as a gear without direction
+// has them; if those are not told either, they stay as the file has them.
 bool judge_stiffness(const JointModel &prior, JointFitState *j)
 {
     JointModel &m = j->model;
-    bool changed = false;
+    bool told[2], changed = false;
+    for (int way = 0; way < 2; way++)
+        told[way] = m.free_stiffness[way] && tells_stiffness(prior, *j, way);
     for (int way = 0; way < 2; way++) {
-        bool told = false;
-        for (int k = 0; k < 2; k++)
-            told = told || excited(m.kink[way][k], sigma_of(*j, k == 0 ? KINK_1 : KINK_2, way, 0), prior.kink[way][k]);
-        if (!m.free_stiffness[way] || told)
+        if (!m.free_stiffness[way] || told[way])
             continue;
         m.free_stiffness[way] = false;
+        m.stiffness[way] = prior.stiffness[way];
         std::copy(prior.kink[way], prior.kink[way] + 2, m.kink[way]);
         changed = true;
     }
+    for (int way = 0; way < 2; way++)
+        if (told[way] && !m.free_stiffness[1 - way])
+            mirror_stiffness(way, &m);
     return changed;
 }
 

@@ -179,9 +179,19 @@ void write_stiffness(const JointFitState &j, ArmFile *file, std::vector<FitParam
         int home = 0 < k.t1_nm ? 0 : 0 <= k.t2_nm ? 1 : 2;
         const double sigma[3][3] = {{0, s1, both}, {s1, 0, s2}, {both, s1, 0}};
         const double *mine = sigma[home];
-        if (fitted)
+        double near = sigma_of(j, KNOT_1, way, 0), far = sigma_of(j, KNOT_2, way, 0);
+        if (home == 2)
+            std::swap(near, far);
+        if (fitted || j.model.free_stiffness[1 - way]) { // else the mirror image of the other
+            auto told = [&](double s) { return fitted ? s : unknown; };
             file->set(at + "slope", quantity({k.slope[0], k.slope[1], k.slope[2]}, "N m/N m",
-                                             {mine[0], mine[1], mine[2]}, "output"));
+                                             {told(mine[0]), told(mine[1]), told(mine[2])}, "output"));
+            file->set(at + "zero", quantity({k.zero_nm}, "N m", {unknown}, "output"));
+            file->set(at + "t1", quantity({k.t1_nm}, "N m", {told(near)}, "output"));
+            file->set(at + "t2", quantity({k.t2_nm}, "N m", {told(far)}, "output"));
+        }
+        list->push_back({at + "t1", "N m", k.t1_nm, fitted ? near : file_sigma(*file, at + "t1"), fitted});
+        list->push_back({at + "t2", "N m", k.t2_nm, fitted ? far : file_sigma(*file, at + "t2"), fitted});
         for (int line = 0; line < 3; line++)
             list->push_back({at + "slope." + std::to_string(line + 1), "N m/N m", k.slope[line],
                              fitted && line != home ? mine[line] : unknown, fitted && line != home});

@@ -30,18 +30,35 @@ constexpr double ridge_least = 1e-3, ridge_most = 1e4;
 
 int home_line(const hdt_arm_stiffness &k) { return 0 < k.t1_nm ? 0 : 0 <= k.t2_nm ? 1 : 2; }
 
-// What grows beyond each knot, seen from the line that holds load 0.
+// Knots outward from the line that holds load 0: above it the upper ones, below it the lower ones.
+double *knot_load(hdt_arm_stiffness *k, int knot)
+{
+    bool first = home_line(*k) == 2 ? knot == 1 : knot == 0;
+    return first ? &k->t1_nm : &k->t2_nm;
+}
+
+bool knot_is_above(const hdt_arm_stiffness &k, int knot)
+{
+    int home = home_line(k);
+    return home == 0 || (home == 1 && knot == 1);
+}
+
+// What grows beyond each knot.
 VectorXd kink_column(const JointFitState &j, int way, int knot)
 {
-    const hdt_arm_stiffness &k = j.model.stiffness[way];
-    int home = home_line(k);
-    // knots outward from home: above it the upper ones, below it the lower ones
-    bool above = home == 0 || (home == 1 && knot == 1);
-    double at = home == 0 ? (knot == 0 ? k.t1_nm : k.t2_nm) : home == 1 ? (knot == 0 ? k.t1_nm : k.t2_nm)
-                                                            : (knot == 0 ? k.t2_nm : k.t1_nm);
-    Eigen::ArrayXd x = j.rows.load.array() - at;
-    x = above ? Eigen::ArrayXd(x.max(0)) : Eigen::ArrayXd(x.min(0));
+    hdt_arm_stiffness k = j.model.stiffness[way];
+    Eigen::ArrayXd x = j.rows.load.array() - *knot_load(&k, knot);
+    x = knot_is_above(k, knot) ? Eigen::ArrayXd(x.max(0)) : Eigen::ArrayXd(x.min(0));
     return j.rows.share[way].array() * x;
+}
+
+// How it changes as the knot moves.
+VectorXd knot_column(const JointFitState &j, int way, int knot)
+{
+    hdt_arm_stiffness k = j.model.stiffness[way];
+    double side = knot_is_above(k, knot) ? 1 : -1, at = *knot_load(&k, knot);
+    Eigen::ArrayXd beyond = (side * (j.rows.load.array() - at) > 0).cast<double>();
+    return -j.model.kink[way][knot] * j.rows.share[way].array() * beyond;
 }
 
 VectorXd viscous_column(const JointFitState &j, int way)
@@ -73,6 +90,8 @@ double *number(JointModel *m, const Column &c)
     case RIPPLE_COS: return &m->ripple[static_cast<std::size_t>(2 * c.index + 1)];
     case KINK_1: return &m->kink[c.way][0];
     case KINK_2: return &m->kink[c.way][1];
+    case KNOT_1: return knot_load(&m->stiffness[c.way], 0);
+    case KNOT_2: return knot_load(&m->stiffness[c.way], 1);
     }
     return nullptr;
 }
@@ -88,7 +107,7 @@ void release(JointModel *m, const Column &c)
         break;
     case FS: case VC: m->free_fs[c.way] = false; break;
     case RIPPLE_SIN: case RIPPLE_COS: m->free_ripple[static_cast<std::size_t>(c.index)] = 0; break;
-    case KINK_1: case KINK_2: m->free_stiffness[c.way] = false; break;
+    case KINK_1: case KINK_2: case KNOT_1: case KNOT_2: m->free_stiffness[c.way] = false; break;
     }
 }
 
@@ -193,13 +212,13 @@ struct Grams {
 };
 
 // target: false the residual, true what is to be explained (for prediction).
-Grams grams(const Problem &p, const std::vector<int> &shared, bool by_run, bool with_vc, bool target)
+Grams grams(const Problem &p, const std::vector<int> &shared, bool by_run, bool with_nonlinear, bool target)
 {
     Grams g;
     Index columns = 0, clusters = 0;
     for (const JointFitState &j : p.joint) {
         g.begin.push_back(columns);
-        columns += static_cast<Index>(free_columns(j.model, with_vc).size());
+        columns += static_cast<Index>(free_columns(j.model, with_nonlinear).size());
         const auto &cut = by_run ? j.rows.run_begin : j.rows.piece_begin;
         clusters = std::max(clusters, static_cast<Index>(cut.size()) - 1);
     }
@@ -212,7 +231,7 @@ Grams grams(const Problem &p, const std::vector<int> &shared, bool by_run, bool 
     Index s0 = g.begin[g.begin.size() - 2], ns = static_cast<Index>(shared.size());
     for (std::size_t k = 0; k < p.joint.size(); k++) {
         const JointFitState &j = p.joint[k];
-        MatrixXd own = columns_of(j, free_columns(j.model, with_vc));
+        MatrixXd own = columns_of(j, free_columns(j.model, with_nonlinear));
         MatrixXd z(own.rows(), own.cols() + ns);
         z << own, pick(j.rows.shared, shared);
         z *= j.weight;
@@ -393,7 +412,7 @@ void slopes_from(const double kink[2], hdt_arm_stiffness *k)
     }
 }
 
-std::vector<Column> free_columns(const JointModel &m, bool with_vc)
+std::vector<Column> free_columns(const JointModel &m, bool with_nonlinear)
 {
     // first those that matter most: a column that depends on earlier ones is the one released
     std::vector<Column> out;
@@ -412,11 +431,15 @@ std::vector<Column> free_columns(const JointModel &m, bool with_vc)
         if (m.free_stiffness[way]) {
             out.push_back({KINK_1, way, 0});
             out.push_back({KINK_2, way, 0});
+            if (with_nonlinear) {
+                out.push_back({KNOT_1, way, 0});
+                out.push_back({KNOT_2, way, 0});
+            }
         }
     for (int way = 0; way < 2; way++)
         if (m.free_fs[way]) {
             out.push_back({FS, way, 0});
-            if (with_vc && m.friction[way].fs_nm != 0)
+            if (with_nonlinear && m.friction[way].fs_nm != 0)
                 out.push_back({VC, way, 0});
         }
     return out;
@@ -441,6 +464,8 @@ VectorXd column(const JointFitState &j, const Column &c)
     case RIPPLE_COS: return j.rows.ripple.col(2 * c.index + 1);
     case KINK_1: return kink_column(j, c.way, 0);
     case KINK_2: return kink_column(j, c.way, 1);
+    case KNOT_1: return knot_column(j, c.way, 0);
+    case KNOT_2: return knot_column(j, c.way, 1);
     }
     return {};
 }
@@ -486,7 +511,7 @@ void restore(const JointModel &from, const Column &c, JointModel *m)
     else if (c.kind == RIPPLE_SIN || c.kind == RIPPLE_COS)
         kinds = {RIPPLE_SIN, RIPPLE_COS};
     else if (c.kind == KINK_1 || c.kind == KINK_2)
-        kinds = {KINK_1, KINK_2};
+        kinds = {KINK_1, KINK_2, KNOT_1, KNOT_2};
     for (Kind kind : kinds)
         *number(m, {kind, c.way, c.index}) = *number(&source, {kind, c.way, c.index});
 }

@@ -17,7 +17,8 @@
 
 namespace hdt::fit {
 
-enum Kind { F0, FV, FS, VC, RIPPLE_SIN, RIPPLE_COS, KINK_1, KINK_2 };
+// KINK: change of slope at a knot, outward from load 0; KNOT: the load it is at.
+enum Kind { F0, FV, FS, VC, RIPPLE_SIN, RIPPLE_COS, KINK_1, KINK_2, KNOT_1, KNOT_2 };
 
 // way: 0 positive, 1 negative direction; index: ripple line.
 struct Column { Kind kind; int way, index; };
@@ -57,8 +58,9 @@ struct Problem {
 void kinks_of(const hdt_arm_stiffness &k, double kink[2]);
 void slopes_from(const double kink[2], hdt_arm_stiffness *k);
 
-// Columns of what is free in this joint; with_vc: also the derivative to the Stribeck speed.
-std::vector<Column> free_columns(const JointModel &m, bool with_vc);
+// Columns of what is free in this joint; with_nonlinear: also the derivatives to Stribeck speed and
+// knots.
+std::vector<Column> free_columns(const JointModel &m, bool with_nonlinear);
 Eigen::VectorXd column(const JointFitState &j, const Column &c);
 // Torque of the joint's own terms at the present numbers.
 Eigen::VectorXd own_torque(const JointFitState &j);
@@ -73,6 +75,11 @@ std::vector<std::pair<std::size_t, Column>> solve(Problem *p);
 
 // Best Stribeck speed per joint and direction for the present shared numbers; true if one moved.
 bool search_stribeck(Problem *p);
+
+// Best knots of the soft wind-up lines, for joints whose lines are fitted; true if one moved.
+bool search_knots(Problem *p);
+// Blocks in motion that each of the three lines must have, both ways.
+constexpr Eigen::Index min_region_blocks = 20;
 
 // Those of the candidates that add anything beyond own columns and each other.
 std::vector<int> independent_shared(const Problem &p, const std::vector<int> &candidates);

@@ -41,7 +41,8 @@ struct joint_now {
     double gear_nm, wave_nm;
     double rotor_nm;                      /* on the rotor, before friction           */
     double link_nm;                       /* on the link, before inertia and gravity */
-    double directed_nm;                   /* periodic friction on the rotor          */
+    double directed_nm;                   /* periodic friction                        */
+    double sense, dry_nm;                 /* plant_rub_dry_nm for this sense          */
 };
 
 static double cable_nm(const struct plant_joint *j, double q_rad)
@@ -49,31 +50,28 @@ static double cable_nm(const struct plant_joint *j, double q_rad)
     return j->fx_spring_nmprad * (q_rad - j->fx_spring_q0_rad);
 }
 
-/* Gear, mesh and wave generator at rotor angle th and link angle q, the mesh having been at mesh. */
-static void gear_now(const struct plant_joint *j, const struct plant_periodic *p, double th, double q,
-                     double mesh, struct joint_now *now)
-{
-    if (j->soft_nm > 0) {
-        now->mesh_rad = plant_mesh_slip(j, th, q - p->error_rad, mesh);
-        now->wave_nm = plant_wave_nm(j, th - now->mesh_rad);
-        now->gear_nm = plant_gear_nm(j, now->mesh_rad + p->error_rad - q);
-        /* it comes from the tooth's load, and goes with it */
-        now->directed_nm = p->directed_nm * fmin(1, fabs(now->wave_nm) / j->soft_nm);
-    } else {
-        now->mesh_rad = th;
-        now->wave_nm = now->gear_nm = plant_gear_nm(j, th + p->error_rad - q);
-        now->directed_nm = p->directed_nm;
-    }
-}
-
-/* Everything on joint i at rotor angle th (output side) and speed w, link angle q and speed v;
- * load: gear torque a moment ago, for lines that grow with it. */
+/* Everything on joint i at rotor angle th (output side) and speed w, link angle q and speed v; mesh,
+ * load: mesh position and gear torque a moment ago. */
 static void joint_at(const struct plant_model *m, struct block *b, int i, double th, double w,
                      double q, double v, double mesh, double load, struct joint_now *now)
 {
     const struct plant_joint *j = &m->joint[i];
     struct plant_periodic p = plant_periodic_at(j, &b->phases[i], th, load, w);
-    gear_now(j, &p, th, q, mesh, now);
+    double wave = j->soft_nm > 0 ? plant_wave_nm(j, th - mesh) : load;
+    now->directed_nm = p.directed_nm;
+    if (fabs(wave) < j->soft_nm) /* it comes from the teeth's load, and goes with it */
+        now->directed_nm *= fabs(wave) / j->soft_nm;
+    now->sense = w > 0 || (w == 0 && b->motor_nm[i] >= wave) ? 1 : -1;
+    now->dry_nm = plant_rub_dry_nm(j, &b->rub[i], now->sense, now->sense * w, load, now->directed_nm);
+    if (j->soft_nm > 0) {
+        /* what the lines take away beyond the rotor's own friction, they take from the mesh's */
+        now->mesh_rad = plant_mesh_slip(j, fmin(0, now->dry_nm), th, q - p.error_rad, mesh);
+        now->wave_nm = plant_wave_nm(j, th - now->mesh_rad);
+        now->gear_nm = plant_gear_nm(j, now->mesh_rad + p.error_rad - q);
+    } else {
+        now->mesh_rad = th;
+        now->wave_nm = now->gear_nm = plant_gear_nm(j, th + p.error_rad - q);
+    }
     double damping = j->damping_nmspr * (w - v);
     now->rotor_nm = b->motor_nm[i] - now->wave_nm - now->gear_nm * p.error_slope - damping
                     - p.torque_nm;
@@ -199,7 +197,8 @@ static void kick_rotor(const struct plant_model *m, struct plant_state *s, struc
         s->friction_nm[i] = now.rotor_nm;
         return;
     }
-    struct plant_kick k = { h_s, b->inertia[i], now.rotor_nm, now.gear_nm, now.directed_nm };
+    struct plant_kick k = { h_s,  b->inertia[i], now.rotor_nm, now.gear_nm, now.directed_nm,
+                            now.sense, now.dry_nm };
     s->thd_m_radps[i] =
         j->ratio * plant_rub_kick(j, &b->rub[i], &k, speed, &s->dahl_nm[i], &s->friction_nm[i]);
 }
@@ -258,7 +257,8 @@ static double rotor_rate(const struct plant_joint *j, const struct block *b, int
                          const struct motion *x, const struct joint_now *now, double *friction_nm)
 {
     double along = sense * x->w[i];
-    double dry = plant_rub_dry_nm(j, &b->rub[i], sense, along, now->gear_nm, now->directed_nm);
+    double dry = fmax(0, plant_rub_dry_nm(j, &b->rub[i], sense, along, now->gear_nm,
+                                          now->directed_nm));
     *friction_nm = sense * (dry + b->rub[i].viscous_nmspr[sense < 0] * along) + x->dahl[i];
     return (now->rotor_nm - *friction_nm) / b->inertia[i];
 }
@@ -308,7 +308,7 @@ static void decide(const struct plant_model *m, struct block *b, struct plant_st
             double drive = now.rotor_nm - x->dahl[i], sense = drive < 0 ? -1 : 1;
             double dry = plant_rub_dry_nm(&m->joint[i], &b->rub[i], sense, 0, now.gear_nm,
                                           now.directed_nm);
-            st->sense[i] = fabs(drive) > dry ? sense : 0;
+            st->sense[i] = fabs(drive) > fmax(0, dry) ? sense : 0;
         }
     }
 }

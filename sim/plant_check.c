@@ -184,8 +184,8 @@ static const char *check_imperfections(const struct plant_joint *j)
         return "wander_s: a wander needs its correlation time";
     if (j->fx_presliding_nm > 0 && j->fx_presliding_rad == 0)
         return "fx_presliding_rad: presliding needs its travel constant";
-    if (j->fx_presliding_nm / 2 > fmin(j->friction[0].f0_nm, j->friction[1].f0_nm))
-        return "fx_presliding_nm: more than twice the Coulomb friction of the rotor";
+    if (j->fx_presliding_nm / 2 > fmin(j->friction[0].f0_nm, j->friction[1].f0_nm) + j->mesh.drive_nm)
+        return "fx_presliding_nm: more than twice the Coulomb friction there is";
     return NULL;
 }
 

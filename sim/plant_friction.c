@@ -52,8 +52,7 @@ double plant_rub_dry_nm(const struct plant_joint *j, const struct plant_rub *rub
         dry += f->fs_nm * (1 - exp(-v / f->vc_radps));
     if (j->fx_slow_nm != 0)
         dry += j->fx_slow_nm * exp(-v / j->fx_slow_radps);
-    dry += j->fx_quadratic_nms2prad2 * v * v;
-    return dry > 0 ? dry : 0;
+    return dry + j->fx_quadratic_nms2prad2 * v * v;
 }
 
 double plant_rub_kick(const struct plant_joint *j, const struct plant_rub *rub,
@@ -66,9 +65,10 @@ double plant_rub_kick(const struct plant_joint *j, const struct plant_rub *rub,
     double sense = free_radps < 0 ? -1 : 1;
 
     /* the curved part at the speed before: it is smooth and small against the set-valued part */
-    double dry =
-        plant_rub_dry_nm(j, rub, sense, speed_radps * sense, k->gear_nm, k->directed_nm);
-    double left = sense * free_radps - gain * dry;
+    double dry = sense == k->sense ? k->dry_nm
+                                   : plant_rub_dry_nm(j, rub, sense, speed_radps * sense,
+                                                      k->gear_nm, k->directed_nm);
+    double left = sense * free_radps - gain * fmax(0, dry);
     double speed = left > 0 ? sense * left / (1 + gain * rub->viscous_nmspr[sense < 0]) : 0;
     *friction_nm = (free_radps - speed) / gain + elastic;
     if (rub->elastic_nm > 0) {

@@ -122,22 +122,30 @@ double plant_mesh_loss_nm(const struct plant_joint *j, double along_nm)
     return loss_at(j, along_nm).value;
 }
 
+/* The same, and more_nm, never below zero. */
+static struct slope loss_and(const struct plant_joint *j, double more_nm, double along_nm)
+{
+    struct slope l = loss_at(j, along_nm);
+    l.value += more_nm;
+    return l.value > 0 ? l : (struct slope){ 0, 0 };
+}
+
 /* What is left of the wave torque behind the mesh, less the gear's torque, at wave wind-up a of a
  * total of all; for motion along +. */
-static struct slope surplus_at(const struct plant_joint *j, double all, double a)
+static struct slope surplus_at(const struct plant_joint *j, double more_nm, double all, double a)
 {
-    struct slope w = wave_at(j, a), l = loss_at(j, w.value), g = gear_at(j, all - a);
+    struct slope w = wave_at(j, a), l = loss_and(j, more_nm, w.value), g = gear_at(j, all - a);
     return (struct slope){ w.value - l.value - g.value, w.slope * (1 - l.slope) + g.slope };
 }
 
 /* Root of the surplus, which rises with a: Newton's method lands on the root as soon as it is on
  * the right piece; bisection where it does not settle. */
-static double slide(const struct plant_joint *j, double all, double a)
+static double slide(const struct plant_joint *j, double more_nm, double all, double a)
 {
     enum { NEWTON = 8, BISECT = 60 };
     double scale = 1e-12 * (j->soft_nm + j->t_nm[1] + 1);
     for (int i = 0; i < NEWTON; i++) {
-        struct slope s = surplus_at(j, all, a);
+        struct slope s = surplus_at(j, more_nm, all, a);
         if (fabs(s.value) <= scale)
             return a;
         a -= s.value / s.slope;
@@ -146,7 +154,7 @@ static double slide(const struct plant_joint *j, double all, double a)
     double low = fmin(all, 0) - span, high = fmax(all, 0) + span;
     for (int i = 0; i < BISECT; i++) {
         a = (low + high) / 2;
-        if (surplus_at(j, all, a).value > 0)
+        if (surplus_at(j, more_nm, all, a).value > 0)
             high = a;
         else
             low = a;
@@ -154,15 +162,15 @@ static double slide(const struct plant_joint *j, double all, double a)
     return a;
 }
 
-double plant_mesh_slip(const struct plant_joint *j, double angle_rad, double output_rad,
-                       double mesh_rad)
+double plant_mesh_slip(const struct plant_joint *j, double more_nm, double angle_rad,
+                       double output_rad, double mesh_rad)
 {
     double a = angle_rad - mesh_rad, all = angle_rad - output_rad;
     double wave = wave_at(j, a).value, surplus = wave - gear_at(j, all - a).value;
     double sense = surplus < 0 ? -1 : 1;
-    if (sense * surplus <= loss_at(j, sense * wave).value)
+    if (sense * surplus <= loss_and(j, more_nm, sense * wave).value)
         return mesh_rad;
-    return angle_rad - sense * slide(j, sense * all, sense * a);
+    return angle_rad - sense * slide(j, more_nm, sense * all, sense * a);
 }
 
 /* ---- end stops ---- */

@@ -70,9 +70,9 @@ double plant_wave_energy_j(const struct plant_joint *j, double windup_rad);
 /* Loss at a wave torque along the motion. */
 double plant_mesh_loss_nm(const struct plant_joint *j, double along_nm);
 /* Where the mesh is now that the rotor is at angle_rad and the link at output_rad (kinematic error
- * taken off), having been at mesh_rad. */
-double plant_mesh_slip(const struct plant_joint *j, double angle_rad, double output_rad,
-                       double mesh_rad);
+ * taken off), having been at mesh_rad; more_nm: loss beyond the law's, may be negative. */
+double plant_mesh_slip(const struct plant_joint *j, double more_nm, double angle_rad,
+                       double output_rad, double mesh_rad);
 /* Torque on the link, pointing inwards; zero inside the range. */
 double plant_stop_nm(const struct plant_joint *j, double q_rad, double qd_radps);
 double plant_stop_energy_j(const struct plant_joint *j, double q_rad);
@@ -118,10 +118,12 @@ struct plant_kick {
     double h_s, inertia_kgm2;         /* output side */
     double drive_nm, gear_nm;         /* sum of torques on the rotor; the gear's alone */
     double directed_nm;               /* periodic friction */
+    double sense, dry_nm;             /* plant_rub_dry_nm for this sense, as the caller had it */
 };
 
 void plant_rub_prepare(const struct plant_joint *j, const struct plant_state *s, int index, struct plant_rub *rub);
-/* Magnitude along sense (-1, 1) at this speed along it, zero or more, without viscous and elastic part. */
+/* Magnitude along sense (-1, 1) at this speed along it, without viscous and elastic part.  Below
+ * zero where lines or elastic part take away more than there is: to be cut by the caller. */
 double plant_rub_dry_nm(const struct plant_joint *j, const struct plant_rub *rub, double sense,
                         double along_radps, double gear_nm, double directed_nm);
 /* Speed after the kick; *dahl_nm is advanced, *friction_nm is what acted.  Friction is solved

@@ -1,0 +1,159 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Where the soft wind-up lines join: the loads that leave the least residual, by variable projection
+// over a grid and then ever smaller steps.  A knot stays on its side of load 0.
+//
+// Owns: the search for knots.
+// Never: decides whether a joint has such lines.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <future>
+
+#include "model/ident_solve.hpp"
+
+namespace hdt::fit {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+namespace {
+
+constexpr int grid = 14;
+constexpr double least_step_nm = 0.02, least_gap_nm = 1;
+
+using Knots = std::array<double, 2>; // t1 < t2
+
+// One direction of one joint with everything but its two kinks projected out.
+class Direction {
+public:
+    Direction(const Problem &p, const JointFitState &j, int way) : j_(j), way_(way)
+    {
+        JointModel rest = j.model;
+        std::vector<Column> other;
+        VectorXd target = residual(p, j);
+        for (const Column &c : free_columns(rest, false)) {
+            bool mine = (c.kind == KINK_1 || c.kind == KINK_2) && c.way == way;
+            if (!mine)
+                other.push_back(c);
+        }
+        for (int k = 0; k < 2; k++)
+            target += j.model.kink[way][k] * column(j, {k == 0 ? KINK_1 : KINK_2, way, 0});
+        MatrixXd x(j.rows.rows(), static_cast<Index>(other.size()));
+        for (std::size_t k = 0; k < other.size(); k++)
+            x.col(static_cast<Index>(k)) = column(j, other[k]);
+        Eigen::HouseholderQR<MatrixXd> qr(x);
+        q_ = qr.householderQ() * MatrixXd::Identity(x.rows(), x.cols());
+        y_ = target - q_ * (q_.transpose() * target);
+        for (Index i = 0; i < j.rows.rows(); i++)
+            if (j.rows.share[way][i] > 0.5)
+                load_.push_back(j.rows.load[i]);
+        std::sort(load_.begin(), load_.end());
+    }
+
+    double low() const { return load_.front(); }
+    double high() const { return load_.back(); }
+
+    // Squares explained by kinks there; negative where the loads do not span the lines.
+    double gain(const Knots &at)
+    {
+        if (!(at[1] - at[0] >= least_gap_nm) || !spanned(at))
+            return -1;
+        hdt_arm_stiffness &k = j_.model.stiffness[way_];
+        k.t1_nm = at[0];
+        k.t2_nm = at[1];
+        MatrixXd x(y_.size(), 2);
+        x << column(j_, {KINK_1, way_, 0}), column(j_, {KINK_2, way_, 0});
+        x -= q_ * (q_.transpose() * x);
+        Eigen::Vector2d score = x.transpose() * y_;
+        Eigen::LDLT<Eigen::Matrix2d> gram(x.transpose() * x);
+        return gram.isPositive() ? score.dot(gram.solve(score)) : -1;
+    }
+
+private:
+    bool spanned(const Knots &at) const
+    {
+        auto first = std::lower_bound(load_.begin(), load_.end(), at[0]);
+        auto second = std::upper_bound(load_.begin(), load_.end(), at[1]);
+        return std::min({first - load_.begin(), second - first, load_.end() - second}) >= min_region_blocks;
+    }
+
+    JointFitState j_;
+    int way_;
+    MatrixXd q_;
+    VectorXd y_;
+    std::vector<double> load_;
+};
+
+// Of the grid over one side of load 0, and of the knots at hand, the best.
+Knots coarse(Direction *d, const Knots &now)
+{
+    double from = now[0] > 0 ? 0 : d->low(), to = now[0] > 0 ? d->high() : 0;
+    double best = d->gain(now), step = (to - from) / grid;
+    Knots out = now;
+    for (int a = 1; a < grid; a++)
+        for (int b = a + 1; b < grid; b++) {
+            Knots at = {from + a * step, from + b * step};
+            double gain = d->gain(at);
+            if (gain > best) {
+                best = gain;
+                out = at;
+            }
+        }
+    return out;
+}
+
+Knots refine(Direction *d, Knots at)
+{
+    double best = d->gain(at), side = at[0];
+    for (double step = std::max(0.5, 0.5 * (at[1] - at[0])); step > least_step_nm; step /= 2)
+        for (bool better = true; better;) {
+            better = false;
+            for (int k = 0; k < 2; k++)
+                for (double sign : {-1.0, 1.0}) {
+                    Knots to = at;
+                    to[static_cast<std::size_t>(k)] += sign * step;
+                    bool same_side = to[0] * side > 0 && to[1] * side > 0;
+                    double gain = same_side ? d->gain(to) : -1;
+                    if (gain > best * (1 + 1e-12)) {
+                        best = gain;
+                        at = to;
+                        better = true;
+                    }
+                }
+        }
+    return at;
+}
+
+bool search_joint(const Problem &p, JointFitState *j)
+{
+    bool moved = false;
+    for (int way = 0; way < 2; way++) {
+        hdt_arm_stiffness &k = j->model.stiffness[way];
+        Knots now = {k.t1_nm, k.t2_nm};
+        if (!j->model.free_stiffness[way] || now[0] * now[1] <= 0)
+            continue;
+        Direction d(p, *j, way);
+        Knots at = refine(&d, coarse(&d, now));
+        moved = moved || std::fabs(at[0] - now[0]) + std::fabs(at[1] - now[1]) > 4 * least_step_nm;
+        k.t1_nm = at[0];
+        k.t2_nm = at[1];
+    }
+    return moved;
+}
+
+} // namespace
+
+bool search_knots(Problem *p)
+{
+    std::vector<std::future<bool>> work;
+    for (JointFitState &j : p->joint)
+        work.push_back(std::async(std::launch::async, [p, &j] { return search_joint(*p, &j); }));
+    bool moved = false;
+    for (auto &w : work)
+        moved = w.get() || moved;
+    return moved;
+}
+
+} // namespace hdt::fit
