@@ -39,7 +39,7 @@ SLOW   := $(addprefix $(BUILD)/tests/check_,cli dataset diagnose evidence ident 
 LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
 
-.PHONY: all demo check check-asan run-asan bench install clean help guards
+.PHONY: all demo check check-asan run-asan check-mujoco bench install clean help guards
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -59,6 +59,16 @@ check-asan:
 	$(MAKE) BUILD=$(BUILD)/asan OPT="-O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all" run-asan
 run-asan: $(filter-out $(SLOW),$(TESTS))
 	@tools/run-tests $^
+
+# a Python with one package, in build/; without the package index the target is skipped, aloud
+python = { test -x $(BUILD)/venv/bin/python || python3 -m venv $(BUILD)/venv; } && \
+  { $(BUILD)/venv/bin/python -c 'import $(1)' 2>/dev/null || \
+    $(BUILD)/venv/bin/pip install -q --disable-pip-version-check $(1); } || \
+  { echo "SKIP: $@: pip cannot install $(1); is the package index reachable?"; exit 0; }
+
+## check-mujoco: MuJoCo (by pip, in build/) finds the torques of exported arms that ours finds
+check-mujoco: $(BUILD)/hdt $(BUILD)/tests/rbd_torques
+	@$(call python,mujoco); $(BUILD)/venv/bin/python tests/mujoco_torques.py $(BUILD)
 
 guards: $(CTRL)
 	@tools/check-layers
