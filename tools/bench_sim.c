@@ -1,16 +1,189 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * How fast the simulator is: a 7-joint PA-10 in velocity mode, all joints moving, processor time.
+ * How fast and how exact the simulator is, on one core of this machine: the chain's evaluation, a step
+ * of either integrator, real time with the servo, cost against joint count, error of Runge-Kutta
+ * against a fine reference, creep of a joint held below breakaway.
  *
- * Owns: two printed figures: microseconds per inner step, and simulated seconds per second.
+ * bench_sim [SECONDS] [--figures]      SECONDS simulated with the servo, default 20; --figures prints
+ *                                      "name value" lines only, for tools/bench_mujoco.py
+ *
+ * Times are processor time, the best of several rounds: what else runs here counts for little.
+ *
+ * Owns: the printed figures.
  * Never: is a test; timing on a shared machine varies.
  */
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <time.h>
 
+#include "sim/plant_parts.h"
 #include "sim/servo.h"
 #include "tests/pa10_plant.h"
+
+enum { ROUNDS = 20, RATE_HZ = 1500 };
+
+static const double TURN = 6.283185307179586;
+static volatile double sink; /* keeps results alive */
+
+static double processor_us(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return (double)t.tv_sec * 1e6 + (double)t.tv_nsec * 1e-3;
+}
+
+/* Through the check, with the integrator and step (0: chosen); or the end of the program. */
+static struct plant_model checked(struct plant_model m, enum plant_integrator integrator, double step_s)
+{
+    const char *why;
+    m.integrator = integrator;
+    m.step_s = step_s;
+    if (plant_model_check(&m, &why) != 0) {
+        fprintf(stderr, "bench_sim: model refused: joint %d: %s\n", m.check_joint, why);
+        exit(1);
+    }
+    return m;
+}
+
+/* PA-10: three-line springs, two-sided Stribeck friction and stiction; no periodic lines. */
+static struct plant_model plain_arm(void)
+{
+    struct plant_model m = pa10_plant();
+    for (int i = 0; i < m.joints; i++)
+        m.joint[i].lines = 0;
+    return m;
+}
+
+/* The same with what makes a harmonic drive: periodic friction, soft wave generator, mesh loss. */
+static struct plant_model whole_arm(void)
+{
+    struct plant_model m = pa10_plant();
+    for (int i = 0; i < m.joints; i++) {
+        struct plant_joint *j = &m.joint[i];
+        j->soft_nm = 0.1 * j->t_nm[0];
+        j->soft_nmprad = 0.2 * j->k_nmprad[0];
+        j->hard_nmprad = 10 * j->k_nmprad[2];
+        j->mesh = (struct plant_mesh){ 0.1 * j->t_nm[0], 0.02 * j->t_nm[0], 0.05, 0.02 };
+    }
+    return m;
+}
+
+/* Any number of joints: axes along and across in turn, size 25. */
+static struct plant_model long_arm(int joints)
+{
+    struct plant_model m = plain_arm(), along = m;
+    m.joints = joints;
+    for (int i = 0; i < joints; i++)
+        m.joint[i] = along.joint[i == 0 ? 0 : 2 + (i + 1) % 2];
+    return m;
+}
+
+/* ---- the chain alone ---- */
+
+struct chain_us { double terms, factor, solve, all; };
+
+static void least(double *figure, double value)
+{
+    if (value < *figure)
+        *figure = value;
+}
+
+/* One round; the pose moves so that nothing can be kept from call to call. */
+static void chain_round(const struct plant_chain *c, double *q, const double *qd, struct chain_us *us)
+{
+    enum { CALLS = 4000 };
+    plant_matrix mass, factor;
+    double bias[PLANT_JOINTS_MAX], x[PLANT_JOINTS_MAX], from = processor_us();
+    for (int k = 0; k < CALLS; k++) {
+        q[k % c->joints] += 1e-6;
+        plant_chain_terms(c, q, qd, mass, bias);
+        sink = bias[0];
+    }
+    least(&us->terms, (processor_us() - from) / CALLS);
+    from = processor_us();
+    for (int k = 0; k < CALLS; k++) {
+        mass[0] += 1e-9;
+        sink = plant_factor(c->joints, mass, factor);
+    }
+    least(&us->factor, (processor_us() - from) / CALLS);
+    from = processor_us();
+    for (int k = 0; k < CALLS; k++) {
+        bias[0] += 1e-9;
+        plant_solve(c->joints, factor, bias, x);
+        sink = x[0];
+    }
+    least(&us->solve, (processor_us() - from) / CALLS);
+    from = processor_us();
+    for (int k = 0; k < CALLS; k++) {
+        q[k % c->joints] += 1e-6;
+        plant_chain_terms(c, q, qd, mass, bias);
+        sink = plant_factor(c->joints, mass, factor);
+        plant_solve(c->joints, factor, bias, x);
+        sink = x[0];
+    }
+    least(&us->all, (processor_us() - from) / CALLS);
+}
+
+static struct chain_us chain_cost(const struct plant_model *m)
+{
+    struct chain_us us = { 1e9, 1e9, 1e9, 1e9 };
+    struct plant_chain c;
+    double q[PLANT_JOINTS_MAX], qd[PLANT_JOINTS_MAX];
+    for (int i = 0; i < m->joints; i++) {
+        q[i] = 0.3 + 0.1 * i;
+        qd[i] = 1 - 0.1 * i;
+    }
+    plant_chain_prepare(m, &c);
+    for (int r = 0; r < 3 * ROUNDS; r++)
+        chain_round(&c, q, qd, &us);
+    return us;
+}
+
+/* ---- a step ---- */
+
+static void swing(const struct plant_model *m, double t_s, double *tau_m_nm)
+{
+    for (int i = 0; i < m->joints; i++)
+        tau_m_nm[i] = 0.6 * m->joint[i].tau_max_m_nm * sin(TURN * 0.7 * t_s + i);
+}
+
+/* From rest through span_s, torque anew RATE_HZ times a second. */
+static struct plant_state travel(const struct plant_model *m, double span_s)
+{
+    static const double start[PLANT_JOINTS_MAX] = { 0, 0.3, 0, 0.8, 0, 0.5, 0 };
+    struct plant_state s;
+    double tau[PLANT_JOINTS_MAX];
+    plant_reset(m, &s, start, 1);
+    for (long k = 0; k < lround(span_s * RATE_HZ); k++) {
+        swing(m, (double)k / RATE_HZ, tau);
+        plant_step(m, &s, tau, 1.0 / RATE_HZ);
+    }
+    return s;
+}
+
+/* Processor time per inner step, everything included. */
+static double step_cost_us(const struct plant_model *m)
+{
+    double us = 1e9, span_s = 0.2;
+    double steps = round(span_s * RATE_HZ) * ceil(1.0 / RATE_HZ / m->step_s - 1e-6);
+    for (int r = 0; r < ROUNDS; r++) {
+        double from = processor_us();
+        sink = travel(m, span_s).q_rad[0];
+        least(&us, (processor_us() - from) / steps);
+    }
+    return us;
+}
+
+static void print_step(const char *what, struct plant_model raw, enum plant_integrator integrator)
+{
+    struct plant_model m = checked(raw, integrator, 0);
+    double us = step_cost_us(&m);
+    printf("  %-46s %6.3f us a step, %7.0f steps/s; at its step of %5.1f us %5.0f x real time\n", what, us,
+           1e6 / us, m.step_s * 1e6, m.step_s * 1e6 / us);
+}
+
+/* ---- with the servo ---- */
 
 static void command(struct servo *v, uint8_t type, double t_s)
 {
@@ -24,28 +197,163 @@ static void command(struct servo *v, uint8_t type, double t_s)
     servo_answer(v, &in, &out);
 }
 
-int main(int argc, char **argv)
+/* Simulated seconds a second in velocity mode, all joints moving, a telegram each tick; negative: the
+ * servo left control. */
+static double times_real(struct plant_model raw, enum plant_integrator integrator, double seconds)
 {
-    double seconds = argc > 1 ? atof(argv[1]) : 60, q[PA10_JOINTS] = { 0, 0.3, 0, 0.8, 0, 0.5, 0 };
     static struct servo v;
-    struct plant_model m = pa10_plant();
-    const char *why;
-    if (plant_model_check(&m, &why) != 0) {
-        fprintf(stderr, "bench_sim: joint %d: %s\n", m.check_joint, why);
-        return 1;
-    }
-    servo_init(&v, &m, NULL, q, 1);
+    static const double start[PA10_JOINTS] = { 0, 0.3, 0, 0.8, 0, 0.5, 0 };
+    struct plant_model m = checked(raw, integrator, 0);
+    servo_init(&v, &m, NULL, start, 1);
     command(&v, DRV_START, 0);
-    long ticks = (long)(seconds * SERVO_RATE_HZ);
-    clock_t from = clock();
-    for (long k = 0; k < ticks; k++) {
+    double from = processor_us();
+    for (long k = 0; k < (long)(seconds * SERVO_RATE_HZ); k++) {
         command(&v, DRV_CYCLIC, v.s.t_s);
         servo_tick(&v);
     }
-    double used_s = (double)(clock() - from) / CLOCKS_PER_SEC;
-    double steps = seconds * SERVO_RATE_HZ * ceil(1.0 / SERVO_RATE_HZ / m.step_s - 1e-6);
-    printf("sim: inner step %.1f us, %.3f us of processor each; %.0f x real time (7 joints, servo "
-           "included)\n",
-           m.step_s * 1e6, used_s / steps * 1e6, seconds / used_s);
-    return v.s.mode == SERVO_CONTROL ? 0 : 1;
+    double used_s = (processor_us() - from) * 1e-6;
+    return v.s.mode == SERVO_CONTROL ? seconds / used_s : -1;
+}
+
+/* ---- exactness ---- */
+
+static double furthest_rad(const struct plant_model *m, const struct plant_state *a,
+                           const struct plant_state *b)
+{
+    double most = 0;
+    for (int i = 0; i < m->joints; i++)
+        most = fmax(most, fabs(a->q_rad[i] - b->q_rad[i]));
+    return most;
+}
+
+/* Nothing with a corner in it: straight springs, viscous friction, no end stop within reach. */
+static struct plant_model smooth_arm(void)
+{
+    struct plant_model m = plain_arm();
+    for (int i = 0; i < m.joints; i++) {
+        struct plant_joint *j = &m.joint[i];
+        j->k_nmprad[1] = j->k_nmprad[2] = j->k_nmprad[0];
+        j->q_max_rad = 100;
+        j->q_min_rad = -100;
+        j->friction[0].f0_nm = j->friction[0].fs_nm = 0;
+        j->friction[1] = j->friction[0];
+    }
+    return m;
+}
+
+static struct plant_model with_tool(struct plant_model m)
+{
+    m.payload_kg = 2;
+    m.payload_com_m[0] = 0.05;
+    m.payload_com_m[2] = 0.1;
+    return m;
+}
+
+static void print_error(const char *label, const struct plant_model *m,
+                        const struct plant_state *reference)
+{
+    struct plant_state s = travel(m, 1);
+    printf("    %-34s %.1e rad\n", label, furthest_rad(m, &s, reference));
+}
+
+/* After 1 s, at several rates and at the chosen step, against a step of 2.6 us; what the reference is
+ * worth is judged by one of twice its step. */
+static void print_errors(const char *what, struct plant_model raw)
+{
+    enum { FINE = 256 };
+    struct plant_model m = checked(raw, PLANT_RK4, 0), r = checked(raw, PLANT_RK4, 1.0 / RATE_HZ / FINE);
+    struct plant_model half = checked(raw, PLANT_RK4, 2.0 / RATE_HZ / FINE);
+    struct plant_state reference = travel(&r, 1), other = travel(&half, 1);
+    char label[80];
+    printf("  %s\n    %-34s itself within %.1e rad\n", what, "reference, step of 2.6 us",
+           furthest_rad(&r, &reference, &other));
+    snprintf(label, sizeof label, "called at %d Hz, chosen %.1f us", RATE_HZ, m.step_s * 1e6);
+    print_error(label, &m, &reference);
+    for (int times = 1; times <= 32; times *= 2) {
+        m.step_s = 1.0 / RATE_HZ / times;
+        snprintf(label, sizeof label, "step of %d Hz", RATE_HZ * times);
+        if (plant_model_check(&m, NULL) == 0)
+            print_error(label, &m, &reference);
+        else
+            printf("    %-34s refused: unstable for the stiffest mode\n", label);
+    }
+}
+
+/* Mean speed over the second second of joint 1 held at half its breakaway torque. */
+static double creep_radps(enum plant_integrator integrator)
+{
+    struct plant_model m = checked(plain_arm(), integrator, 0);
+    struct plant_state s;
+    double q[PA10_JOINTS] = { 0 }, tau[PA10_JOINTS] = { 0 };
+    tau[0] = 0.5 * m.joint[0].friction[0].f0_nm / m.joint[0].ratio;
+    plant_reset(&m, &s, q, 1);
+    plant_step(&m, &s, tau, 1);
+    double from = s.th_m_rad[0];
+    plant_step(&m, &s, tau, 1);
+    return (s.th_m_rad[0] - from) / m.joint[0].ratio;
+}
+
+/* ---- printing ---- */
+
+static void print_figures(void)
+{
+    struct plant_model verlet = checked(plain_arm(), PLANT_VERLET, 0);
+    struct plant_model rk4 = checked(plain_arm(), PLANT_RK4, 0);
+    printf("verlet_us %.4f\nverlet_step_us %.3f\n", step_cost_us(&verlet), verlet.step_s * 1e6);
+    printf("rk4_us %.4f\nrk4_step_us %.3f\n", step_cost_us(&rk4), rk4.step_s * 1e6);
+    printf("verlet_creep_radps %.3e\n", creep_radps(PLANT_VERLET));
+    printf("rk4_creep_radps %.3e\n", creep_radps(PLANT_RK4));
+}
+
+static void print_counts(void)
+{
+    printf("cost against joint count, us:\n  joints   chain  Verlet step  Runge-Kutta step\n");
+    for (int n = 1; n <= PLANT_JOINTS_MAX; n++) {
+        struct plant_model verlet = checked(long_arm(n), PLANT_VERLET, 0);
+        struct plant_model rk4 = checked(long_arm(n), PLANT_RK4, 0);
+        printf("  %6d  %6.3f  %11.3f  %16.3f\n", n, chain_cost(&verlet).all, step_cost_us(&verlet),
+               step_cost_us(&rk4));
+    }
+}
+
+static void print_all(double seconds)
+{
+    struct plant_model m = checked(plain_arm(), PLANT_VERLET, 0);
+    struct chain_us us = chain_cost(&m);
+    printf("chain of 7 joints: M and bias %.3f us, factor %.3f us, solve %.3f us; all in turn %.3f us\n",
+           us.terms, us.factor, us.solve, us.all);
+    printf("a step of 7 flexible joints:\n");
+    print_step("Verlet: spring, Stribeck, stiction", plain_arm(), PLANT_VERLET);
+    print_step("Runge-Kutta: the same", plain_arm(), PLANT_RK4);
+    print_step("Verlet: and periodic friction, mesh, soft gear", whole_arm(), PLANT_VERLET);
+    print_step("Runge-Kutta: the same", whole_arm(), PLANT_RK4);
+    printf("with servo and telegrams, everything in: Verlet %.0f x real time, Runge-Kutta %.0f x\n",
+           times_real(whole_arm(), PLANT_VERLET, seconds), times_real(whole_arm(), PLANT_RK4, seconds / 4));
+    print_counts();
+    printf("Runge-Kutta after 1 s, furthest joint, torque held over 1/%d s:\n", RATE_HZ);
+    print_errors("bare flange, spring, Stribeck, stiction", plain_arm());
+    print_errors("2 kg tool off the axis, the same", with_tool(plain_arm()));
+    print_errors("2 kg tool off the axis, straight springs, viscous friction, no stops",
+                 with_tool(smooth_arm()));
+    printf("creep of a joint held at half its breakaway torque: Verlet %g rad/s, Runge-Kutta %g rad/s\n",
+           creep_radps(PLANT_VERLET), creep_radps(PLANT_RK4));
+}
+
+int main(int argc, char **argv)
+{
+    double seconds = 20;
+    for (int i = 1; i < argc; i++) {
+        if (strcmp(argv[i], "--figures") == 0) {
+            print_figures();
+            return 0;
+        }
+        char *end;
+        seconds = strtod(argv[i], &end);
+        if (*end != '\0' || !(seconds > 0 && seconds < 1e6)) {
+            fprintf(stderr, "bench_sim: argument \"%s\": expected seconds above 0 or --figures\n", argv[i]);
+            return 2;
+        }
+    }
+    print_all(seconds);
+    return 0;
 }
