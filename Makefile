@@ -39,7 +39,7 @@ SLOW   := $(addprefix $(BUILD)/tests/check_,cli dataset diagnose evidence ident 
 LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
 
-.PHONY: all demo check check-asan run-asan check-mujoco bench install clean help guards
+.PHONY: all demo check check-asan run-asan check-mujoco bench bench-sim install clean help guards
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -77,12 +77,17 @@ guards: $(CTRL)
 	  -Wno-missing-prototypes - || { echo "README.md: the C example does not compile" >&2; exit 1; }
 
 ## bench: time and instructions of the core, steps a second of the plant
-bench: $(BENCH)
-	@for b in $(BENCH); do echo "== $$(basename $$b)"; $$b || exit 1; done
+bench: $(BENCH) bench-sim
+	@for b in $(filter-out %/bench_sim,$(BENCH)); do echo "== $$(basename $$b)"; $$b || exit 1; done
 	@command -v valgrind >/dev/null || { echo "no valgrind: instructions not counted"; exit 0; }; \
 	count() { valgrind --tool=callgrind --callgrind-out-file=/dev/null $(BUILD)/bench_core --count $$1 2>&1 | \
 	  sed -n 's/.*Collected : //p'; }; \
 	a=$$(count 1000); b=$$(count 2000); echo "instructions a 7-joint cycle (callgrind): $$(( (b - a) / 1000 ))"
+
+## bench-sim: the plant alone: time of chain and steps, error of Runge-Kutta; and the same arm in MuJoCo
+bench-sim: $(BUILD)/bench_sim
+	@$(BUILD)/bench_sim
+	@$(call python,mujoco); $(BUILD)/venv/bin/python tools/bench_mujoco.py $(BUILD)
 
 ## install: library, headers, pkg-config file and hdt under DESTDIR/PREFIX
 install: all

@@ -4,8 +4,9 @@
  * of either integrator, real time with the servo, cost against joint count, error of Runge-Kutta
  * against a fine reference, creep of a joint held below breakaway.
  *
- * bench_sim [SECONDS] [--figures]      SECONDS simulated with the servo, default 20; --figures prints
- *                                      "name value" lines only, for tools/bench_mujoco.py
+ * bench_sim [SECONDS]     SECONDS simulated with the servo, default 20
+ * bench_sim --figures     "name value..." lines for tools/bench_mujoco.py
+ * bench_sim --mjcf NAME   the arm as a MuJoCo model; NAME: plain (as timed) or smooth (same equations)
  *
  * Times are processor time, the best of several rounds: what else runs here counts for little.
  *
@@ -293,7 +294,22 @@ static double creep_radps(enum plant_integrator integrator)
     return (s.th_m_rad[0] - from) / m.joint[0].ratio;
 }
 
-/* ---- printing ---- */
+/* Where the smooth arm is after 1 s, and where it came from; MuJoCo has the same equations for it. */
+static void print_travel(void)
+{
+    struct plant_model m = checked(smooth_arm(), PLANT_RK4, 1.0 / RATE_HZ / 32);
+    struct plant_state s = travel(&m, 0), end = travel(&m, 1);
+    printf("smooth_link_rad");
+    for (int i = 0; i < m.joints; i++)
+        printf(" %.15g", s.q_rad[i]);
+    printf("\nsmooth_rotor_rad");
+    for (int i = 0; i < m.joints; i++)
+        printf(" %.15g", s.th_m_rad[i] / m.joint[i].ratio);
+    printf("\nsmooth_end_rad");
+    for (int i = 0; i < m.joints; i++)
+        printf(" %.15g", end.q_rad[i]);
+    printf("\n");
+}
 
 static void print_figures(void)
 {
@@ -303,7 +319,81 @@ static void print_figures(void)
     printf("rk4_us %.4f\nrk4_step_us %.3f\n", step_cost_us(&rk4), rk4.step_s * 1e6);
     printf("verlet_creep_radps %.3e\n", creep_radps(PLANT_VERLET));
     printf("rk4_creep_radps %.3e\n", creep_radps(PLANT_RK4));
+    printf("chain_us %.4f\n", chain_cost(&verlet).all);
+    printf("rate_hz %d\n", RATE_HZ);
+    print_travel();
 }
+
+/* ---- the arm for MuJoCo ---- */
+
+static void mjcf_numbers(const char *name, const double *v, int n)
+{
+    printf(" %s=\"", name);
+    for (int k = 0; k < n; k++)
+        printf("%s%.17g", k > 0 ? " " : "", v[k]);
+    printf("\"");
+}
+
+/* Inertia about the centre of mass; a payload is not written. */
+static void mjcf_inertial(const struct plant_joint *j)
+{
+    double c[3], cc = 0, in[6];
+    static const int at[6][2] = { { 0, 0 }, { 0, 1 }, { 0, 2 }, { 1, 1 }, { 1, 2 }, { 2, 2 } };
+    for (int k = 0; k < 3; k++) {
+        c[k] = j->moment_kgm[k] / j->mass_kg;
+        cc += c[k] * c[k];
+    }
+    for (int k = 0; k < 6; k++)
+        in[k] = j->inertia_kgm2[k]
+                - j->mass_kg * ((at[k][0] == at[k][1]) * cc - c[at[k][0]] * c[at[k][1]]);
+    printf("<inertial mass=\"%.17g\"", j->mass_kg);
+    mjcf_numbers("pos", c, 3);
+    mjcf_numbers("fullinertia", (double[6]){ in[0], in[3], in[5], in[1], in[2], in[4] }, 6);
+    printf("/>\n");
+}
+
+/* A hinge for the rotor, its inertia as armature, and on it a hinge for the spring: what MuJoCo has no
+ * word for (second and third line of the spring, Stribeck, two sides) is left out. */
+static void mjcf_joint(const struct plant_joint *j, int i)
+{
+    const double *r = j->rot, rotor = plant_rotor_kgm2(j);
+    printf("<body name=\"rotor%d\"", i);
+    mjcf_numbers("pos", j->trans_m, 3);
+    mjcf_numbers("xyaxes", (double[6]){ r[0], r[3], r[6], r[1], r[4], r[7] }, 6);
+    printf(">\n<inertial pos=\"0 0 0\" mass=\"1e-9\" diaginertia=\"1e-12 1e-12 1e-12\"/>\n");
+    printf("<joint name=\"motor%d\" axis=\"0 0 1\"", i);
+    mjcf_numbers("armature", &rotor, 1);
+    mjcf_numbers("frictionloss", &j->friction[0].f0_nm, 1);
+    mjcf_numbers("damping", &j->friction[0].fv_nmspr, 1);
+    printf("/>\n<body name=\"link%d\">\n<joint name=\"spring%d\" axis=\"0 0 1\"", i, i);
+    mjcf_numbers("stiffness", &j->k_nmprad[0], 1);
+    mjcf_numbers("damping", &j->damping_nmspr, 1);
+    printf("/>\n");
+    mjcf_inertial(j);
+}
+
+static void print_mjcf(const struct plant_model *m)
+{
+    printf("<mujoco><compiler angle=\"radian\" boundmass=\"0\"/>\n");
+    printf("<option");
+    mjcf_numbers("gravity", m->gravity_mps2, 3);
+    printf("><flag contact=\"disable\"/></option>\n<worldbody>\n");
+    for (int i = 0; i < m->joints; i++)
+        mjcf_joint(&m->joint[i], i);
+    for (int i = 0; i < m->joints; i++)
+        printf("</body></body>");
+    printf("\n</worldbody>\n<actuator>\n");
+    for (int i = 0; i < m->joints; i++) {
+        const struct plant_joint *j = &m->joint[i];
+        printf("<motor joint=\"motor%d\" ctrllimited=\"true\"", i);
+        mjcf_numbers("gear", &j->ratio, 1);
+        mjcf_numbers("ctrlrange", (double[2]){ -j->tau_max_m_nm, j->tau_max_m_nm }, 2);
+        printf("/>\n");
+    }
+    printf("</actuator>\n</mujoco>\n");
+}
+
+/* ---- printing ---- */
 
 static void print_counts(void)
 {
@@ -339,21 +429,32 @@ static void print_all(double seconds)
            creep_radps(PLANT_VERLET), creep_radps(PLANT_RK4));
 }
 
+static int refuse(const char *argument)
+{
+    fprintf(stderr, "bench_sim: argument \"%s\": expected seconds above 0, --figures, --mjcf plain|smooth\n",
+            argument);
+    return 2;
+}
+
 int main(int argc, char **argv)
 {
-    double seconds = 20;
-    for (int i = 1; i < argc; i++) {
-        if (strcmp(argv[i], "--figures") == 0) {
-            print_figures();
-            return 0;
-        }
-        char *end;
-        seconds = strtod(argv[i], &end);
-        if (*end != '\0' || !(seconds > 0 && seconds < 1e6)) {
-            fprintf(stderr, "bench_sim: argument \"%s\": expected seconds above 0 or --figures\n", argv[i]);
-            return 2;
-        }
+    const char *first = argc > 1 ? argv[1] : "20", *second = argc > 2 ? argv[2] : "";
+    if (strcmp(first, "--figures") == 0 && argc == 2) {
+        print_figures();
+        return 0;
     }
+    if (strcmp(first, "--mjcf") == 0 && argc == 3) {
+        int smooth = strcmp(second, "smooth") == 0;
+        if (!smooth && strcmp(second, "plain") != 0)
+            return refuse(second);
+        struct plant_model m = smooth ? smooth_arm() : plain_arm();
+        print_mjcf(&m);
+        return 0;
+    }
+    char *end;
+    double seconds = strtod(first, &end);
+    if (argc > 2 || end == first || *end != '\0' || !(seconds > 0 && seconds < 1e6))
+        return refuse(argc > 2 ? second : first);
     print_all(seconds);
     return 0;
 }
