@@ -38,11 +38,16 @@ static int32_t saturate(double value, double limit)
     return (int32_t)(value > limit ? limit : value < -limit ? -limit : value);
 }
 
-/* nearbyint rounds half to even in the default rounding mode */
-static int32_t resolver(const struct servo *v, int i)
+/* What joint i's resolver says; j is that joint as it is now. */
+static int32_t resolver(const struct servo *v, const struct plant_joint *j, int i)
 {
-    return saturate(nearbyint(v->plant.th_m_rad[i] * (SERVO_COUNTS_PER_REV / TURN_RAD)),
-                    2147483647.0);
+    double th = v->plant.th_m_rad[i];
+    if (j->fx_eccentric_rad != 0)
+        th += j->ratio * j->fx_eccentric_rad
+              * sin(j->fx_eccentric_order_rev * th / j->ratio + j->fx_eccentric_phase_rad);
+    th += j->ratio * j->fx_resolver_rad;
+    /* nearbyint rounds half to even in the default rounding mode */
+    return saturate(nearbyint(th * (SERVO_COUNTS_PER_REV / TURN_RAD)), 2147483647.0);
 }
 
 static int axes(const struct servo *v)
@@ -138,8 +143,10 @@ void servo_init(struct servo *v, const struct plant_model *model, const struct s
     plant_reset(model, &v->plant, q_rad, seed);
     v->s.rng = ~seed;
     stop(v);
+    struct plant_model scratch;
+    const struct plant_model *now = plant_now(model, 0, &scratch);
     for (int i = 0; i < model->joints; i++)
-        v->s.last_count[i] = resolver(v, i);
+        v->s.last_count[i] = resolver(v, &now->joint[i], i);
 }
 
 /* ---- one tick ---- */
@@ -175,9 +182,10 @@ static double axis_torque(struct servo *v, int i, double moved_rad)
 }
 
 /* Read resolver i: tracking filter on.  Returns the travel since the last tick, output side. */
-static double sense(struct servo *v, int i)
+static double sense(struct servo *v, const struct plant_joint *j, int i)
 {
-    int32_t count = resolver(v, i);
+    int stale = j->fx_stale_share > 0 && plant_uniform(&v->s.rng) <= j->fx_stale_share;
+    int32_t count = stale ? v->s.last_count[i] : resolver(v, j, i);
     double per_count = rad_per_count(&v->model->joint[i]);
     double moved_cnt = (double)count - v->s.last_count[i];
     v->s.last_count[i] = count;
@@ -250,21 +258,26 @@ static void supervise(struct servo *v)
     }
 }
 
-static void report_torque(struct servo *v, int i)
+static void report_torque(struct servo *v, const struct plant_joint *j, int i)
 {
-    double noise = v->model->joint[i].torque_noise_m_nm;
+    double noise = j->torque_noise_m_nm;
     double tau = v->s.tau_m_nm[i] + (noise > 0 ? noise * plant_gauss(&v->s.rng) : 0);
-    v->s.torque_dig[i] = (int16_t)saturate(nearbyint(tau / torque_digit(v, i)), 32767);
+    unsigned late = (unsigned)lround(j->fx_report_delay_s / TICK_S);
+    unsigned now = (unsigned)(v->s.ticks % SERVO_PAST);
+    v->s.past_dig[now][i] = (int16_t)saturate(nearbyint(tau / torque_digit(v, i)), 32767);
+    v->s.torque_dig[i] = v->s.past_dig[(now + SERVO_PAST - late) % SERVO_PAST][i];
 }
 
 void servo_tick(struct servo *v)
 {
+    struct plant_model scratch;
+    const struct plant_model *now = plant_now(v->model, v->plant.t_s, &scratch);
     supervise(v);
-    plant_step(v->model, &v->plant, v->s.tau_m_nm, TICK_S);
+    plant_step(now, &v->plant, v->s.tau_m_nm, TICK_S);
     v->s.t_s = (double)++v->s.ticks * TICK_S;
     for (int i = 0; i < v->model->joints; i++) {
-        double moved_rad = sense(v, i);
-        report_torque(v, i); /* of the tick just past, as the counts are */
+        double moved_rad = sense(v, &now->joint[i], i);
+        report_torque(v, &now->joint[i], i); /* of the tick just past, as the counts are */
         if (i < DRV_AXES)
             v->s.tau_m_nm[i] = axis_torque(v, i, moved_rad);
     }

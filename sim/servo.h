@@ -35,6 +35,7 @@ extern "C" {
 #endif
 
 #define SERVO_RATE_HZ 1504
+#define SERVO_PAST 64 /* ticks of torque kept; the plant's report delay ends at 40 ms */
 #define SERVO_COUNTS_PER_REV 16384
 #define SERVO_TORQUE_NM_PER_DIG 0.001    /* motor side, Format A */
 #define SERVO_RATED_DIG 4096             /* digits of rated torque, Format B */
@@ -65,6 +66,7 @@ struct servo_state {
     double integral_m_nm[PLANT_JOINTS_MAX];
     double tau_m_nm[PLANT_JOINTS_MAX];     /* what the current loops make now */
     int16_t torque_dig[PLANT_JOINTS_MAX];  /* what they report, noise included */
+    int16_t past_dig[SERVO_PAST][PLANT_JOINTS_MAX]; /* the same, of the last ticks, for a late report */
     int32_t last_count[PLANT_JOINTS_MAX];  /* resolver at the last tick, zero not added */
     double track_cnt[PLANT_JOINTS_MAX];    /* tracking filter: count ahead of last_count, */
     double speed_radps[PLANT_JOINTS_MAX];  /* and speed, output side                      */

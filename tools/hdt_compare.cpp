@@ -14,6 +14,7 @@
 #include "model/rbd.hpp"
 #include "model/report.hpp"
 #include "tools/hdt_cli.hpp"
+#include "tools/hdt_effects.hpp"
 #include "tools/hdt_rig.hpp"
 
 namespace hdt::cli {

@@ -7,194 +7,23 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
-#include <fstream>
-#include <functional>
 #include <random>
 
 #include <sched.h>
 #include <sys/mman.h>
 
 #include "model/arm_file.hpp"
+#include "tools/hdt_effects.hpp"
 
 namespace hdt::rig {
 
 namespace {
-
-// What one hidden effect needs: its unit for people, and how it goes into the plant.
-struct EffectKind {
-    const char *name, *unit, *what;
-    std::vector<std::string> options;
-    std::function<void(plant_model &, const hdt_arm &, const HiddenEffect &)> apply;
-};
-
-double option(const HiddenEffect &e, const std::string &key, double fallback)
-{
-    for (const auto &[name, value] : e.options)
-        if (name == key)
-            return value;
-    return fallback;
-}
-
-plant_joint &joint_of(plant_model &plant, const HiddenEffect &e)
-{
-    return plant.joint[e.joint - 1];
-}
-
-// A body at the flange joins what is already there; com in the flange frame.
-void add_payload(plant_model &plant, const hdt_arm &arm, double mass_kg, const double *com_m)
-{
-    double before = plant.payload_kg;
-    plant.payload_kg += mass_kg;
-    for (int i = 0; i < 3; i++) {
-        double at = arm.flange_m[i];
-        for (int k = 0; k < 3; k++)
-            at += arm.flange_rot[3 * i + k] * com_m[k];
-        plant.payload_com_m[i] = (before * plant.payload_com_m[i] + mass_kg * at) / plant.payload_kg;
-    }
-}
-
-void hide_payload(plant_model &plant, const hdt_arm &arm, const HiddenEffect &e)
-{
-    const double com_m[3] = {0, 0, option(e, "com", 0.05)};
-    if (e.size <= 0)
-        throw InputError("--effect payload: expected a mass above 0 kg");
-    add_payload(plant, arm, e.size, com_m);
-}
-
-void hide_line(plant_model &plant, const hdt_arm &, const HiddenEffect &e)
-{
-    plant_joint &joint = joint_of(plant, e);
-    if (joint.lines >= PLANT_LINES_MAX)
-        throw InputError("--effect order_line: the plant takes at most " + std::to_string(PLANT_LINES_MAX) +
-                         " lines a joint");
-    plant_line &line = joint.line[joint.lines++];
-    line.order_rev = option(e, "order", 37);
-    line.amplitude_nm = e.size;
-    line.phase_rad = option(e, "phase", 0.7);
-    line.directed = option(e, "directed", 0) != 0;
-}
-
-const std::vector<EffectKind> &kinds()
-{
-    static const std::vector<EffectKind> menu = {
-        {"payload", "kg", "a body at the flange", {"com"}, hide_payload},
-        {"load_friction", "N m/N m", "friction growing with the gear's load", {},
-         [](plant_model &p, const hdt_arm &, const HiddenEffect &e) { joint_of(p, e).fx_load_mu = e.size; }},
-        {"temperature", "share", "cold start: Coulomb and viscous friction higher by this share", {"time", "viscous"},
-         [](plant_model &p, const hdt_arm &, const HiddenEffect &e) {
-             joint_of(p, e).fx_cold_coulomb = e.size;
-             joint_of(p, e).fx_cold_viscous = option(e, "viscous", 2 * e.size);
-             joint_of(p, e).fx_warm_s = option(e, "time", 30);
-         }},
-        {"order_line", "N m", "a torque line of some order per output turn", {"order", "phase", "directed"}, hide_line},
-        {"inertia", "kg m^2", "extra inertia on the rotor, referred to the output", {},
-         [](plant_model &p, const hdt_arm &, const HiddenEffect &e) { joint_of(p, e).fx_inertia_kgm2 = e.size; }},
-        {"presliding", "N m", "friction that builds up over some travel after a reversal", {"travel"},
-         [](plant_model &p, const hdt_arm &, const HiddenEffect &e) {
-             joint_of(p, e).fx_presliding_nm = e.size;
-             joint_of(p, e).fx_presliding_rad = option(e, "travel", 0.02);
-         }},
-        {"torque_gain", "share", "the motor gives this share more torque than it reports", {},
-         [](plant_model &p, const hdt_arm &, const HiddenEffect &e) { joint_of(p, e).fx_torque_gain = e.size; }},
-        {"cable_spring", "N m/rad", "a hose or cable pulling back to some angle", {"rest"},
-         [](plant_model &p, const hdt_arm &, const HiddenEffect &e) {
-             joint_of(p, e).fx_spring_nmprad = e.size;
-             joint_of(p, e).fx_spring_q0_rad = option(e, "rest", 0);
-         }},
-    };
-    return menu;
-}
-
-const EffectKind &kind_of(const std::string &name)
-{
-    for (const EffectKind &kind : kinds())
-        if (name == kind.name)
-            return kind;
-    throw InputError("--effect: expected NAME=SIZE[@JOINT][:key=value,...], found the name \"" + name +
-                     "\"; known effects:\n" + effect_menu());
-}
-
-double parse_number(const std::string &text, const std::string &where)
-{
-    try {
-        std::size_t used = 0;
-        double value = std::stod(text, &used);
-        if (used == text.size() && std::isfinite(value))
-            return value;
-    } catch (const std::exception &) {
-        // falls through to the error below
-    }
-    throw InputError("--effect " + where + ": expected a number, found \"" + text + "\"");
-}
 
 int32_t fixed(double value, double scale)
 {
     double x = std::nearbyint(value * scale);
     return static_cast<int32_t>(std::clamp(x, -2147483647.0, 2147483647.0));
 }
-
-} // namespace
-
-std::string effect_menu()
-{
-    std::string text;
-    for (const EffectKind &kind : kinds()) {
-        text += std::string("  ") + kind.name + " (" + kind.unit + "): " + kind.what;
-        for (std::size_t i = 0; i < kind.options.size(); i++)
-            text += (i == 0 ? "; options " : ", ") + kind.options[i];
-        text += "\n";
-    }
-    return text;
-}
-
-HiddenEffect parse_effect(const std::string &text)
-{
-    HiddenEffect e;
-    std::string head = text.substr(0, text.find(':'));
-    std::size_t equals = head.find('=');
-    e.name = head.substr(0, equals);
-    const EffectKind &kind = kind_of(e.name);
-    if (equals == std::string::npos)
-        throw InputError("--effect " + e.name + ": expected =SIZE in " + kind.unit + ", found nothing");
-    std::string size = head.substr(equals + 1);
-    std::size_t at = size.find('@');
-    if (at != std::string::npos) {
-        double joint = parse_number(size.substr(at + 1), e.name + " joint");
-        if (joint < 1 || joint > PLANT_JOINTS_MAX || joint != std::floor(joint))
-            throw InputError("--effect " + e.name + ": expected a joint from 1, found \"" + size.substr(at + 1) + "\"");
-        e.joint = static_cast<int>(joint);
-        size.resize(at);
-    }
-    e.size = parse_number(size, e.name);
-    if (head.size() < text.size()) {
-        std::string rest = text.substr(head.size() + 1);
-        for (std::size_t from = 0; from <= rest.size();) {
-            std::size_t comma = std::min(rest.find(',', from), rest.size());
-            std::string pair = rest.substr(from, comma - from), key = pair.substr(0, pair.find('='));
-            if (std::find(kind.options.begin(), kind.options.end(), key) == kind.options.end() ||
-                key.size() == pair.size())
-                throw InputError("--effect " + e.name + ": unknown option \"" + pair + "\"; the effects are:\n" +
-                                 effect_menu());
-            e.options.emplace_back(key, parse_number(pair.substr(key.size() + 1), e.name + ":" + key));
-            from = comma + 1;
-        }
-    }
-    return e;
-}
-
-void hide(plant_model &plant, const hdt_arm &arm, const HiddenEffect &effect)
-{
-    if (effect.joint > plant.joints)
-        throw InputError("--effect " + effect.name + ": joint " + std::to_string(effect.joint) + " of an arm with " +
-                         std::to_string(plant.joints));
-    kind_of(effect.name).apply(plant, arm, effect);
-    const char *why = nullptr;
-    plant.step_s = 0;
-    if (plant_model_check(&plant, &why) != 0)
-        throw InputError("--effect " + effect.name + ": the plant cannot take it: " + why);
-}
-
-namespace {
 
 void scatter(plant_joint &joint, std::mt19937_64 &random)
 {
@@ -207,6 +36,7 @@ void scatter(plant_joint &joint, std::mt19937_64 &random)
     }
     joint.mesh.drive_nm *= friction;
     joint.mesh.back_nm *= friction;
+    joint.soft_nm *= friction; // teeth pressed together harder take more torque to part
     for (int i = 0; i < joint.lines; i++)
         joint.line[i].amplitude_nm *= 1 + 0.1 * normal(random);
 }
@@ -334,21 +164,6 @@ uint32_t mode_of(const std::string &text)
     if (text == "velocity")
         return HDT_MODE_VELOCITY;
     throw InputError("--mode: expected torque or velocity, found \"" + text + "\"");
-}
-
-void hide_all(plant_model &plant, const hdt_arm &arm, const std::vector<std::string> &effects,
-              const std::string &effect_file)
-{
-    for (const std::string &text : effects)
-        hide(plant, arm, parse_effect(text));
-    if (effect_file.empty())
-        return;
-    std::ifstream file(effect_file);
-    if (!file)
-        throw InputError(effect_file + ": cannot be read (expected one NAME=SIZE[@JOINT] a line)");
-    for (std::string line; std::getline(file, line);)
-        if (!line.empty() && line[0] != '#')
-            hide(plant, arm, parse_effect(line));
 }
 
 drv_writer *open_log(const std::string &path, const hdt_tables &tables, const hdt_arm &arm,

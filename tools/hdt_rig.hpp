@@ -2,8 +2,8 @@
 //
 // Where model file, plant, host and logs meet: the rig.
 //
-// Owns: plant from arm file, hidden effects by name, references in fixed point, the virtual-time run.
-// Never: tells the host or the diagnosis what is hidden in the plant.
+// Owns: plant from arm file, references in fixed point, what runs share.
+// Never: hides an effect (hdt_effects.cpp).
 #pragma once
 
 #include <cstdint>
@@ -17,27 +17,11 @@
 
 namespace hdt::rig {
 
-// NAME=SIZE[@JOINT][:key=value,...], e.g. "cable_spring=8@2", "order_line=4@2:order=37".
-struct HiddenEffect {
-    std::string name;
-    double size = 0;
-    int joint = 2;                             // 1-based
-    std::vector<std::pair<std::string, double>> options;
-};
-
-// Throws InputError listing the menu.
-HiddenEffect parse_effect(const std::string &text);
-// The menu with units, for --help.
-std::string effect_menu();
-
 // A healthy arm of this kind with the imperfections of a real one.  individual: 0 the file's numbers,
 // else a seed that scatters friction (10 %) and ripple (10 %) as from one specimen to the next.
 // Soft wind-up lines of the file are a description, not physics: the plant has the gear's spring.
 // Throws InputError when the file lacks what a plant needs.
 plant_model plant_from_arm(const hdt_arm &arm, uint64_t individual);
-
-// Put an effect into the plant.  Throws InputError when it does not fit.
-void hide(plant_model &plant, const hdt_arm &arm, const HiddenEffect &effect);
 
 // Load an arm or throw InputError; make its tables or throw InputError.
 hdt_arm load_arm(const std::string &path);
@@ -58,10 +42,6 @@ private:
 };
 
 uint32_t mode_of(const std::string &text);     // "torque", "velocity"; throws InputError
-
-// Hidden effects from options and from a file of one effect a line ("" for none).
-void hide_all(plant_model &plant, const hdt_arm &arm, const std::vector<std::string> &effects,
-              const std::string &effect_file);
 
 // A log writer for this arm; head: "key = value" lines.  Throws InputError.
 drv_writer *open_log(const std::string &path, const hdt_tables &tables, const hdt_arm &arm,

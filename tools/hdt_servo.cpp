@@ -7,6 +7,8 @@
 
 #include "model/task.hpp"
 #include "tools/hdt_cli.hpp"
+#include "tools/hdt_format.hpp"
+#include "tools/hdt_effects.hpp"
 #include "tools/hdt_rig.hpp"
 
 namespace hdt::cli {
@@ -14,22 +16,27 @@ namespace hdt::cli {
 namespace {
 
 struct ServoOptions {
-    std::string arm, bus, task, effect_file;
+    std::string arm, bus, task, effect_file, format = "A";
     std::vector<std::string> effects;
     uint64_t seed = 1, individual = 0;
-    double seconds = 0;
+    double seconds = 0, watchdog_s = 0, emergency_s = 0;
 };
 
 // Tick by the clock.  A late wake-up is made up for before any telegram is answered, so that the
 // arm a host sees never lags the clock; up to a tenth of a second at once.
-int serve(servo &driver, hdt_bus &bus, double seconds)
+int serve(servo &driver, hdt_bus &bus, const ServoOptions &o)
 {
     constexpr uint64_t tick_ns = 1000000000u / SERVO_RATE_HZ;
     hdt_clock clock = hdt_clock_posix();
     uint64_t start = clock.now_ns(clock.ctx), next = start + tick_ns, skipped = 0;
     while (!stopped()) {
-        if (seconds > 0 && static_cast<double>(next - start) * 1e-9 > seconds)
+        double since_s = static_cast<double>(next - start) * 1e-9;
+        if (o.seconds > 0 && since_s > o.seconds)
             break;
+        if (o.emergency_s > 0 && since_s > o.emergency_s && !driver.s.emergency) {
+            std::fprintf(stderr, "hdt servo: emergency stop pressed\n");
+            servo_emergency_stop(&driver, 1);
+        }
         int slept = clock.sleep_until_ns(clock.ctx, next);
         if (slept != 0 && slept != -EINTR)
             throw InputError("hdt servo: the monotonic clock cannot be slept on");
@@ -48,6 +55,19 @@ int serve(servo &driver, hdt_bus &bus, double seconds)
     return Ok;
 }
 
+servo_cfg options_of(const ServoOptions &o, const hdt_arm &arm)
+{
+    servo_cfg options = {};
+    options.format = format_of(o.format, o.bus);
+    options.watchdog_s = o.watchdog_s;
+    if (options.format == DRV_FORMAT_B) {
+        auto rated = rated_mnm(arm, o.arm);
+        for (size_t j = 0; j < rated.size(); j++)
+            options.rated_m_nm[j] = rated[j] / 1000.0;
+    }
+    return options;
+}
+
 int run(const ServoOptions &o)
 {
     hdt_arm arm = rig::load_arm(o.arm);
@@ -57,14 +77,14 @@ int run(const ServoOptions &o)
     if (!o.task.empty())
         start = make_task(arm, o.task, arm.control_rate_hz).q_rad.row(0);
     auto driver = std::make_unique<servo>();
-    servo_cfg options = {};
+    servo_cfg options = options_of(o, arm);
     servo_init(driver.get(), &plant, &options, start.data(), o.seed);
     hdt_bus bus;
     char error[512];
     if (hdt_bus_open(&bus, o.bus.c_str(), HDT_BUS_SERVO, error, sizeof error) != 0)
         throw InputError(error);
     rig::go_real_time("hdt servo", 81);
-    int code = serve(*driver, bus, o.seconds);
+    int code = serve(*driver, bus, o);
     hdt_bus_close(&bus);
     return code;
 }
@@ -82,6 +102,10 @@ void add_servo(CLI::App &app, int &code)
     sub->add_option("--effect-file", o->effect_file, "hide the effects in this file, one a line");
     sub->add_option("--seed", o->seed, "noise and scatter")->capture_default_str();
     sub->add_option("--individual", o->individual, "which specimen of the arm; 0 has the file's friction exactly")->capture_default_str();
+    sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")->capture_default_str();
+    sub->add_option("--watchdog", o->watchdog_s, "s without a command until all brakes are on (default: 0.4 in A, 0.01 in B)")
+        ->check(CLI::Range(0.001, 3600.0));
+    sub->add_option("--emergency-stop", o->emergency_s, "press the emergency stop after so many s")->check(CLI::Range(0.001, 1e6));
     sub->add_option("--seconds", o->seconds, "stop after this long (default: at Ctrl-C)");
     sub->callback([o, &code] { code = run(*o); });
 }

@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "tools/hdt_cli.hpp"
+#include "tools/hdt_effects.hpp"
 #include "tools/hdt_rig.hpp"
 #include "tools/hdt_world.hpp"
 
