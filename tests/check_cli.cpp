@@ -248,6 +248,18 @@ START_TEST(test_bus_that_is_not_there_is_said_in_one_line)
 }
 END_TEST
 
+START_TEST(test_format_b_wants_a_bus_that_carries_it_and_rated_torques)
+{
+    must("sed /torque_rated/d $A >unrated.toml");
+    for (const char *end : {"$H servo --arm ", "$H host --out x.csv --model "}) {
+        assert_refused(std::string(end) + "$A --bus unix:$PWD/bus --format C", "expected A or B, found C", "bus");
+        assert_refused(std::string(end) + "$A --bus can:vcan0 --format B", "unix:PATH", "x.csv");
+        assert_refused(std::string(end) + "unrated.toml --bus unix:$PWD/bus --format B",
+                       "unrated.toml: joint.1.motor.torque_rated", "bus");
+    }
+}
+END_TEST
+
 START_TEST(test_servo_that_never_answers_is_said_and_leaves_no_log)
 {
     // a stopped servo process holds the socket open and stays silent
@@ -287,6 +299,7 @@ static Suite *cli_suite(void)
     tcase_add_test(bad, test_bad_logs_are_refused_with_file_and_line);
     tcase_add_test(bad, test_bad_models_are_refused_by_line_and_key);
     tcase_add_test(bad, test_bus_that_is_not_there_is_said_in_one_line);
+    tcase_add_test(bad, test_format_b_wants_a_bus_that_carries_it_and_rated_torques);
     tcase_add_test(bad, test_servo_that_never_answers_is_said_and_leaves_no_log);
     tcase_add_test(bad, test_usage_errors_are_two_and_help_is_zero);
     suite_add_tcase(s, bad);

@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "tools/hdt_cli.hpp"
+#include "tools/hdt_format.hpp"
 #include "tools/hdt_rig.hpp"
 
 namespace hdt::cli {
@@ -17,7 +18,7 @@ namespace hdt::cli {
 namespace {
 
 struct HostOptions {
-    std::string model, bus, task = "lemniscate", mode = "torque", out;
+    std::string model, bus, task = "lemniscate", mode = "torque", out, format = "A";
     bool terms = false;
 };
 
@@ -67,6 +68,8 @@ int run(const HostOptions &o)
     rig::FixedReference fixed(reference);
     hdt_tables tables = rig::tables_of(model);
     uint32_t mode = rig::mode_of(o.mode);
+    drv_format format = format_of(o.format, o.bus);
+    auto rated = format == DRV_FORMAT_B ? rated_mnm(model, o.model) : std::array<uint16_t, DRV_AXES>{};
     hdt_bus bus;
     char error[512];
     if (hdt_bus_open(&bus, o.bus.c_str(), HDT_BUS_HOST, error, sizeof error) != 0)
@@ -82,6 +85,8 @@ int run(const HostOptions &o)
     auto host = std::make_unique<drv_host>();
     if (drv_host_init(host.get(), &tables, &bus, &ring, &view, &cfg) != HDT_OK)
         throw InputError(o.model + ": the core does not accept its tables");
+    if (format == DRV_FORMAT_B)
+        (void)drv_cycle_set_format(&host->cycle, format, rated.data()); // rated_mnm has seen to every joint
     drv_writer *writer = rig::open_log(o.out, tables, model, {"task = " + o.task, "mode = " + o.mode}, o.terms);
 
     std::atomic<bool> running{true}, written{true};
@@ -118,6 +123,7 @@ void add_host(CLI::App &app, int &code)
     sub->add_option("--bus", o->bus, "unix:PATH or can:IFACE")->required();
     sub->add_option("--task", o->task, "reference motion")->capture_default_str();
     sub->add_option("--mode", o->mode, "torque or velocity")->capture_default_str();
+    sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")->capture_default_str();
     sub->add_option("--out", o->out, "log to write: .csv or .lcm")->required();
     sub->add_flag("--terms", o->terms, "also log every term's torque");
     sub->callback([o, &code] { code = run(*o); });

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What both ends of a wire have to agree on: telegram format and the torque unit of Format B.
+//
+// Owns: --format, and rated torques from the model file.
+// Never: touches a telegram.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <string>
+
+#include "driver/drv_telegram.h"
+#include "model/hdt_arm.h"
+#include "tools/hdt_cli.hpp"
+
+namespace hdt::cli {
+
+// "A" or "B".  Throws InputError; also where the bus cannot carry the format.
+inline drv_format format_of(const std::string &text, const std::string &bus)
+{
+    if (text != "A" && text != "B")
+        throw InputError("--format: expected A or B, found " + text);
+    if (text == "B" && bus.rfind("can:", 0) == 0)
+        throw InputError("--format B: its state telegram of " + std::to_string(DRV_STATE_LEN_B) +
+                         " bytes does not fit into a CAN FD frame of 64: use unix:PATH");
+    return text == "B" ? DRV_FORMAT_B : DRV_FORMAT_A;
+}
+
+// Rated motor torque of each joint, 0.001 N.m motor side.  Throws InputError where the file has none.
+inline std::array<uint16_t, DRV_AXES> rated_mnm(const hdt_arm &arm, const std::string &file)
+{
+    std::array<uint16_t, DRV_AXES> rated{};
+    for (int j = 0; j < arm.joints && j < DRV_AXES; j++) {
+        double mnm = std::round(arm.joint[j].tau_rated_m_nm * 1000);
+        if (!(mnm >= 1 && mnm <= 65535))
+            throw InputError(file + ": joint." + std::to_string(j + 1) + ".motor.torque_rated: Format B counts torque " +
+                             "in it: expected 0.001 to 65.535 N m");
+        rated[static_cast<size_t>(j)] = static_cast<uint16_t>(mnm);
+    }
+    return rated;
+}
+
+} // namespace hdt::cli
