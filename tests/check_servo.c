@@ -622,6 +622,16 @@ START_TEST(test_alarm_of_an_axis_stops_all_in_format_a_and_those_that_ask_in_b)
     ck_assert_uint_eq(servo.plant.locked, 0);
     ck_assert_uint_eq(drive(-1, DRIVE, 200).axis[3].status, 0);
     ck_assert_double_eq_tol(servo.plant.thd_m_radps[3] / PA10_RATIO, 0.04, 0.02);
+    /* the same while another axis still is in alarm */
+    axis_alarm(DRV_FORMAT_B, 0);
+    servo.s.alarm[5] = DRV_ALARM_OVER_CURRENT;
+    servo_tick(&servo);
+    select_axis('A', 4);
+    for (int k = 0; k < 5; k++)
+        servo_tick(&servo);
+    ck_assert_double_eq(servo.s.tau_m_nm[3], 0);
+    ck_assert_double_eq(servo.s.tau_m_nm[5], 0);
+    ck_assert_uint_eq(servo.s.halted, 0x28);
 }
 END_TEST
 
