@@ -113,8 +113,8 @@ def main():
     compare_times(bench, figures)
     compare_creep(bench, figures)
     # a wrong model would make every figure above worthless
-    if not apart < 1e-2:
-        sys.exit("bench_mujoco: the two arms are not the same: expected less than 1e-2 rad between them")
+    if not apart < 1e-3:
+        sys.exit("bench_mujoco: the two arms are not the same: expected less than 1e-3 rad between them")
 
 
 main()
