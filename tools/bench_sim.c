@@ -8,7 +8,8 @@
  * bench_sim --figures     "name value..." lines for tools/bench_mujoco.py
  * bench_sim --mjcf NAME   the arm as a MuJoCo model; NAME: plain (as timed) or smooth (same equations)
  *
- * Times are processor time, the best of several rounds: what else runs here counts for little.
+ * Times are processor time, the best of several rounds, the first figures before and after all others:
+ * what else runs on the machine counts for little.
  *
  * Owns: the printed figures.
  * Never: is a test; timing on a shared machine varies.
@@ -126,9 +127,8 @@ static void chain_round(const struct plant_chain *c, double *q, const double *qd
     least(&us->all, (processor_us() - from) / CALLS);
 }
 
-static struct chain_us chain_cost(const struct plant_model *m)
+static void chain_rounds(const struct plant_model *m, struct chain_us *us)
 {
-    struct chain_us us = { 1e9, 1e9, 1e9, 1e9 };
     struct plant_chain c;
     double q[PLANT_JOINTS_MAX], qd[PLANT_JOINTS_MAX];
     for (int i = 0; i < m->joints; i++) {
@@ -137,8 +137,14 @@ static struct chain_us chain_cost(const struct plant_model *m)
     }
     plant_chain_prepare(m, &c);
     for (int r = 0; r < 3 * ROUNDS; r++)
-        chain_round(&c, q, qd, &us);
-    return us;
+        chain_round(&c, q, qd, us);
+}
+
+static double chain_cost_us(const struct plant_model *m)
+{
+    struct chain_us us = { 1e9, 1e9, 1e9, 1e9 };
+    chain_rounds(m, &us);
+    return us.all;
 }
 
 /* ---- a step ---- */
@@ -174,14 +180,6 @@ static double step_cost_us(const struct plant_model *m)
         least(&us, (processor_us() - from) / steps);
     }
     return us;
-}
-
-static void print_step(const char *what, struct plant_model raw, enum plant_integrator integrator)
-{
-    struct plant_model m = checked(raw, integrator, 0);
-    double us = step_cost_us(&m);
-    printf("  %-46s %6.3f us a step, %7.0f steps/s; at its step of %5.1f us %5.0f x real time\n", what, us,
-           1e6 / us, m.step_s * 1e6, m.step_s * 1e6 / us);
 }
 
 /* ---- with the servo ---- */
@@ -319,7 +317,7 @@ static void print_figures(void)
     printf("rk4_us %.4f\nrk4_step_us %.3f\n", step_cost_us(&rk4), rk4.step_s * 1e6);
     printf("verlet_creep_radps %.3e\n", creep_radps(PLANT_VERLET));
     printf("rk4_creep_radps %.3e\n", creep_radps(PLANT_RK4));
-    printf("chain_us %.4f\n", chain_cost(&verlet).all);
+    printf("chain_us %.4f\n", chain_cost_us(&verlet));
     printf("rate_hz %d\n", RATE_HZ);
     print_travel();
 }
@@ -401,25 +399,47 @@ static void print_counts(void)
     for (int n = 1; n <= PLANT_JOINTS_MAX; n++) {
         struct plant_model verlet = checked(long_arm(n), PLANT_VERLET, 0);
         struct plant_model rk4 = checked(long_arm(n), PLANT_RK4, 0);
-        printf("  %6d  %6.3f  %11.3f  %16.3f\n", n, chain_cost(&verlet).all, step_cost_us(&verlet),
+        printf("  %6d  %6.3f  %11.3f  %16.3f\n", n, chain_cost_us(&verlet), step_cost_us(&verlet),
                step_cost_us(&rk4));
     }
 }
 
+enum { HEADS = 4 };
+
+struct head { const char *what; struct plant_model m; double us; };
+
+static void heads_round(struct head *h, struct chain_us *us)
+{
+    chain_rounds(&h[0].m, us);
+    for (int k = 0; k < HEADS; k++)
+        least(&h[k].us, step_cost_us(&h[k].m));
+}
+
+static void print_heads(const struct head *h, const struct chain_us *us)
+{
+    printf("chain of 7 joints: M and bias %.3f us, factor %.3f us, solve %.3f us; all in turn %.3f us\n",
+           us->terms, us->factor, us->solve, us->all);
+    printf("a step of 7 flexible joints:\n");
+    for (int k = 0; k < HEADS; k++)
+        printf("  %-46s %6.3f us, %7.0f steps/s; of %5.1f us: %5.0f x real time\n", h[k].what, h[k].us,
+               1e6 / h[k].us, h[k].m.step_s * 1e6, h[k].m.step_s * 1e6 / h[k].us);
+}
+
 static void print_all(double seconds)
 {
-    struct plant_model m = checked(plain_arm(), PLANT_VERLET, 0);
-    struct chain_us us = chain_cost(&m);
-    printf("chain of 7 joints: M and bias %.3f us, factor %.3f us, solve %.3f us; all in turn %.3f us\n",
-           us.terms, us.factor, us.solve, us.all);
-    printf("a step of 7 flexible joints:\n");
-    print_step("Verlet: spring, Stribeck, stiction", plain_arm(), PLANT_VERLET);
-    print_step("Runge-Kutta: the same", plain_arm(), PLANT_RK4);
-    print_step("Verlet: and periodic friction, mesh, soft gear", whole_arm(), PLANT_VERLET);
-    print_step("Runge-Kutta: the same", whole_arm(), PLANT_RK4);
+    struct head h[HEADS] = {
+        { "Verlet: spring, Stribeck, stiction", checked(plain_arm(), PLANT_VERLET, 0), 1e9 },
+        { "Runge-Kutta: the same", checked(plain_arm(), PLANT_RK4, 0), 1e9 },
+        { "Verlet: and periodic friction, mesh, soft gear", checked(whole_arm(), PLANT_VERLET, 0), 1e9 },
+        { "Runge-Kutta: the same", checked(whole_arm(), PLANT_RK4, 0), 1e9 },
+    };
+    struct chain_us us = { 1e9, 1e9, 1e9, 1e9 };
+    heads_round(h, &us);
+    print_counts();
     printf("with servo and telegrams, everything in: Verlet %.0f x real time, Runge-Kutta %.0f x\n",
            times_real(whole_arm(), PLANT_VERLET, seconds), times_real(whole_arm(), PLANT_RK4, seconds / 4));
-    print_counts();
+    heads_round(h, &us);
+    print_heads(h, &us);
     printf("Runge-Kutta after 1 s, furthest joint, torque held over 1/%d s:\n", RATE_HZ);
     print_errors("bare flange, spring, Stribeck, stiction", plain_arm());
     print_errors("2 kg tool off the axis, the same", with_tool(plain_arm()));
