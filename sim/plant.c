@@ -45,6 +45,12 @@ struct joint_now {
     double sense, dry_nm;                 /* plant_rub_dry_nm for this sense          */
 };
 
+/* fmax costs a call. */
+static double more(double a, double b)
+{
+    return a > b ? a : b;
+}
+
 static double cable_nm(const struct plant_joint *j, double q_rad)
 {
     return j->fx_spring_nmprad * (q_rad - j->fx_spring_q0_rad);
@@ -65,7 +71,7 @@ static void joint_at(const struct plant_model *m, struct block *b, int i, double
     now->dry_nm = plant_rub_dry_nm(j, &b->rub[i], now->sense, now->sense * w, load, now->directed_nm);
     if (j->soft_nm > 0) {
         /* what the lines take away beyond the rotor's own friction, they take from the mesh's */
-        now->mesh_rad = plant_mesh_slip(j, fmin(0, now->dry_nm), th, q - p.error_rad, mesh);
+        now->mesh_rad = plant_mesh_slip(j, now->dry_nm < 0 ? now->dry_nm : 0, th, q - p.error_rad, mesh);
         now->wave_nm = plant_wave_nm(j, th - now->mesh_rad);
         now->gear_nm = plant_gear_nm(j, now->mesh_rad + p.error_rad - q);
     } else {
@@ -257,8 +263,9 @@ static double rotor_rate(const struct plant_joint *j, const struct block *b, int
                          const struct motion *x, const struct joint_now *now, double *friction_nm)
 {
     double along = sense * x->w[i];
-    double dry = fmax(0, plant_rub_dry_nm(j, &b->rub[i], sense, along, now->gear_nm,
-                                          now->directed_nm));
+    double dry = more(0, sense == now->sense ? now->dry_nm
+                                             : plant_rub_dry_nm(j, &b->rub[i], sense, along,
+                                                                now->gear_nm, now->directed_nm));
     *friction_nm = sense * (dry + b->rub[i].viscous_nmspr[sense < 0] * along) + x->dahl[i];
     return (now->rotor_nm - *friction_nm) / b->inertia[i];
 }
@@ -306,9 +313,10 @@ static void decide(const struct plant_model *m, struct block *b, struct plant_st
         else if (st->sense[i] == 0) {
             joint_at(m, b, i, x->th[i], 0, x->q[i], x->qd[i], s->mesh_rad[i], s->gear_nm[i], &now);
             double drive = now.rotor_nm - x->dahl[i], sense = drive < 0 ? -1 : 1;
-            double dry = plant_rub_dry_nm(&m->joint[i], &b->rub[i], sense, 0, now.gear_nm,
-                                          now.directed_nm);
-            st->sense[i] = fabs(drive) > fmax(0, dry) ? sense : 0;
+            double dry = sense == now.sense ? now.dry_nm
+                                            : plant_rub_dry_nm(&m->joint[i], &b->rub[i], sense, 0,
+                                                               now.gear_nm, now.directed_nm);
+            st->sense[i] = fabs(drive) > more(0, dry) ? sense : 0;
         }
     }
 }
@@ -318,8 +326,13 @@ static void settle(const struct plant_model *m, struct block *b, struct plant_st
 {
     for (int i = 0; i < b->n; i++) {
         const struct plant_joint *j = &m->joint[i];
-        double w = st->sense[i] * x->w[i] > 0 ? x->w[i] : 0; /* it came to rest within the step */
+        double w = x->w[i];
         struct joint_now now;
+        if (st->sense[i] * w <= 0) { /* it has turned back: does friction hold it there? */
+            joint_at(m, b, i, x->th[i], 0, x->q[i], x->qd[i], s->mesh_rad[i], s->gear_nm[i], &now);
+            if (st->sense[i] == 0 || fabs(now.rotor_nm - x->dahl[i]) <= more(now.dry_nm, 0))
+                w = 0;
+        }
         joint_at(m, b, i, x->th[i], w, x->q[i], x->qd[i], s->mesh_rad[i], s->gear_nm[i], &now);
         s->q_rad[i] = x->q[i];
         s->qd_radps[i] = x->qd[i];

@@ -46,8 +46,9 @@ double plant_rub_dry_nm(const struct plant_joint *j, const struct plant_rub *rub
 {
     const struct plant_friction *f = &j->friction[sense < 0];
     double v = along_radps > 0 ? along_radps : 0;
-    double dry = rub->coulomb_nm[sense < 0] + directed_nm + j->fx_load_mu * fabs(gear_nm)
-                 + j->fx_drive_mu * fmax(0, sense * gear_nm);
+    double dry = rub->coulomb_nm[sense < 0] + directed_nm + j->fx_load_mu * fabs(gear_nm);
+    if (sense * gear_nm > 0)
+        dry += j->fx_drive_mu * sense * gear_nm;
     if (f->fs_nm != 0 && v > 0)
         dry += f->fs_nm * (1 - exp(-v / f->vc_radps));
     if (j->fx_slow_nm != 0)
@@ -68,7 +69,7 @@ double plant_rub_kick(const struct plant_joint *j, const struct plant_rub *rub,
     double dry = sense == k->sense ? k->dry_nm
                                    : plant_rub_dry_nm(j, rub, sense, speed_radps * sense,
                                                       k->gear_nm, k->directed_nm);
-    double left = sense * free_radps - gain * fmax(0, dry);
+    double left = sense * free_radps - (dry > 0 ? gain * dry : 0);
     double speed = left > 0 ? sense * left / (1 + gain * rub->viscous_nmspr[sense < 0]) : 0;
     *friction_nm = (free_radps - speed) / gain + elastic;
     if (rub->elastic_nm > 0) {
