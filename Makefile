@@ -35,11 +35,11 @@ TOOLS  := $(call obj,$(wildcard tools/hdt*.cpp))
 BENCH  := $(patsubst tools/%.c,$(BUILD)/%,$(wildcard tools/bench_*.c))
 TESTS  := $(patsubst tests/%.c,$(BUILD)/tests/%,$(wildcard tests/check_*.c)) \
           $(patsubst tests/%.cpp,$(BUILD)/tests/%,$(wildcard tests/check_*.cpp))
-SLOW   := $(addprefix $(BUILD)/tests/check_,cli dataset diagnose evidence ident rbd scan task)
+SLOW   := $(addprefix $(BUILD)/tests/check_,cli dataset diagnose evidence ident paper rbd scan task)
 LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
 
-.PHONY: all demo check check-asan run-asan check-mujoco bench bench-sim install clean help guards
+.PHONY: all demo paper check check-asan run-asan check-mujoco bench bench-sim install clean help guards
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -49,6 +49,10 @@ all: $(BUILD)/libhdt.a $(BUILD)/libhdt.so.$(VERSION) $(BUILD)/hdt
 ## demo: the whole loop in the rig; EFFECT=cable_spring=8@2 chooses what is hidden, DATA=DIR a measured arm
 demo: $(BUILD)/hdt
 	@if [ -n "$(DATA)" ]; then tools/demo --data "$(DATA)"; else tools/demo $(EFFECT); fi
+
+## paper: the experiments of Kennedy and Desai 2005 in the rig, beside the paper's numbers
+paper: $(BUILD)/hdt
+	@$(BUILD)/hdt paper --arm model/arms/pa10.toml --out $(BUILD)/paper
 
 ## check: guards and all tests
 check: guards $(TESTS) $(BUILD)/hdt
@@ -153,6 +157,10 @@ $(BUILD)/hdt: $(TOOLS) $(LIBS)
 	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(TOOLS) $(LIBS) $(LINK)
 $(BUILD)/obj/tests/check_log.c.o $(BUILD)/obj/tests/lcm_dump.c.o: $(BUILD)/gen/hdt_cycle_t.h
 $(BUILD)/tests/check_log: $(LCMGEN)
+# the experiments of `hdt paper` are tools, all but the command itself
+$(BUILD)/tests/check_paper: $(BUILD)/obj/tests/check_paper.cpp.o $(filter-out %/hdt_paper.cpp.o,$(filter \
+    %/hdt_rig.cpp.o %/hdt_effects.cpp.o %/hdt_world.cpp.o $(BUILD)/obj/tools/hdt_paper%,$(TOOLS))) $(LIBS)
+	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.c.o $(LIBS)
 	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.cpp.o $(LIBS)

@@ -104,6 +104,7 @@ int main(int argc, char **argv)
     add_replay(app, code);
     add_log(app, code);
     add_compare(app, code);
+    add_paper(app, code);
     add_export(app, code);
     catch_signals();
     try {

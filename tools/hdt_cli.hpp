@@ -26,6 +26,7 @@ void add_gen(CLI::App &app, int &code);
 void add_replay(CLI::App &app, int &code);
 void add_log(CLI::App &app, int &code);
 void add_compare(CLI::App &app, int &code);
+void add_paper(CLI::App &app, int &code);
 void add_export(CLI::App &app, int &code);
 
 // True once SIGINT or SIGTERM has come; loops end in good order then.

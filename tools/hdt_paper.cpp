@@ -61,12 +61,16 @@ int run(const PaperOptions &o)
 void add_paper(CLI::App &app, int &code)
 {
     auto o = std::make_shared<PaperOptions>();
-    CLI::App *sub = app.add_subcommand("paper", "the experiments of Kennedy and Desai 2005 in the rig, beside the paper's numbers");
+    CLI::App *sub = app.add_subcommand("paper", "the experiments of Kennedy and Desai 2005 in the rig, "
+                                                "beside the paper's numbers");
     sub->add_option("--arm", o->arm, "model file of the arm, of the PA-10's kind")->required();
     sub->add_option("--out", o->out, "directory for report.html, paper.json and tables.md")->required();
     sub->add_option("--only", o->only, "parts, e.g. table1,fig8; what they build on is measured too");
-    sub->add_option("--trials", o->trials, "trials of friction and repetitions of closed loops")->capture_default_str()->check(CLI::Range(2, 100));
-    sub->add_option("--individual", o->individual, "which specimen of the arm; 0 has the file's friction exactly")->capture_default_str();
+    sub->add_option("--trials", o->trials,
+                    "trials of friction and repetitions of closed loops")->capture_default_str()
+        ->check(CLI::Range(2, 100));
+    sub->add_option("--individual", o->individual, "which specimen of the arm; 0 has the file's friction "
+                                                   "exactly")->capture_default_str();
     sub->add_option("--seed", o->seed, "noise and scatter of all runs")->capture_default_str();
     sub->add_option("--workers", o->workers, "runs at once")->capture_default_str()->check(CLI::Range(1, 64));
     sub->callback([o, &code] { code = run(*o); });

@@ -54,7 +54,7 @@ void need(const std::vector<SpeedPoint> &points, Index parameters)
                                     " speeds, found " + std::to_string(points.size()));
 }
 
-// Linear weighted fit of the columns of A; `jacobian` (with the same number of rows) gives sigma.
+// Linear weighted fit of the columns of A.
 FrictionModelFit solve(const std::vector<SpeedPoint> &points, const MatrixXd &a)
 {
     const VectorXd w = weights(points), y = means(points);
@@ -134,9 +134,12 @@ FrictionModelFit fit_stribeck(const std::vector<SpeedPoint> &points)
 {
     need(points, 4);
     const VectorXd v = speeds(points);
-    const auto left = [&](double log_vc) { return solve(points, stribeck_columns(v, std::exp(log_vc))).variance; };
-    constexpr int grid = 120;
-    const double low = std::log(0.003), high = std::log(2.0), step = (high - low) / grid;
+    const auto left = [&](double log_vc) { return solve(points, stribeck_columns(v,
+            std::exp(log_vc))).variance; };
+    constexpr int grid = 80;
+    // what bends well below the slowest or above the fastest speed cannot be told from a straight line
+    const double low = std::log(v.minCoeff() / 2), high = std::log(2 * v.maxCoeff()), step =
+        (high - low) / grid;
     double best = low, least = left(low);
     for (int k = 1; k <= grid; k++)
         if (const double here = left(low + step * k); here < least) {
@@ -183,10 +186,12 @@ double AngleTable::mean() const
     return sum / static_cast<double>(nm.size());
 }
 
-AngleTable tabulate(const std::vector<double> &q_rad, const std::vector<double> &nm, double from_rad, double to_rad,
+AngleTable tabulate(const std::vector<double> &q_rad, const std::vector<double> &nm, double from_rad,
+                    double to_rad,
                     std::size_t bins)
 {
-    AngleTable table{from_rad, (to_rad - from_rad) / static_cast<double>(bins), std::vector<double>(bins, 0.0)};
+    AngleTable table{from_rad, (to_rad - from_rad) / static_cast<double>(bins), std::vector<double>(bins,
+            0.0)};
     std::vector<int> count(bins, 0);
     for (std::size_t i = 0; i < q_rad.size(); i++) {
         const double place = std::floor((q_rad[i] - from_rad) / table.step_rad);
@@ -231,7 +236,8 @@ void fft(std::vector<std::complex<double>> &x)
     for (std::size_t size = 2; size <= n; size *= 2) {
         const std::size_t half = size / 2;
         for (std::size_t k = 0; k < half; k++) {
-            const std::complex<double> turn = std::polar(1.0, -2 * pi * static_cast<double>(k) / static_cast<double>(size));
+            const double angle = -2 * pi * static_cast<double>(k) / static_cast<double>(size);
+            const std::complex<double> turn = std::polar(1.0, angle);
             for (std::size_t i = k; i < n; i += size) {
                 const std::complex<double> odd = turn * x[i + half];
                 x[i + half] = x[i] - odd;
@@ -437,12 +443,14 @@ double line_rms(const std::vector<double> &x, const std::vector<double> &y)
 HingeFit fit_hinges(const std::vector<double> &load_nm, const std::vector<double> &nm, double narrowest)
 {
     if (load_nm.size() != nm.size() || load_nm.size() < 20)
-        throw std::invalid_argument("hinge fit: expected at least 20 points, found " + std::to_string(load_nm.size()));
+        throw std::invalid_argument("hinge fit: expected at least 20 points, found " +
+                                    std::to_string(load_nm.size()));
     std::vector<double> x = load_nm, y = nm, sorted;
     thin(x, y, 1500);
     sorted = x;
     std::sort(sorted.begin(), sorted.end());
-    const double range = sorted.back() - sorted.front(), low = quantile(sorted, 0.02), high = quantile(sorted, 0.98);
+    const double range = sorted.back() - sorted.front(), low = quantile(sorted, 0.02), high = quantile(sorted,
+            0.98);
     if (!(range > 0) || !(high > low))
         throw std::invalid_argument("hinge fit: the load does not vary");
     const double least = narrowest * range;

@@ -36,7 +36,8 @@ struct FrictionModelFit {
 // std::invalid_argument for fewer points than parameters.
 FrictionModelFit fit_viscous(const std::vector<SpeedPoint> &points);
 FrictionModelFit fit_cubic(const std::vector<SpeedPoint> &points);
-// F0 + Fv v + Fs (1 - exp(-v / Vc)): linear in all but Vc, which is searched from 0.003 to 2 rad/s.
+// F0 + Fv v + Fs (1 - exp(-v / Vc)): linear in all but Vc, which is searched from half the slowest to
+// twice the fastest speed.
 FrictionModelFit fit_stribeck(const std::vector<SpeedPoint> &points);
 hdt_arm_friction stribeck_of(const FrictionModelFit &fit);
 
@@ -54,7 +55,8 @@ struct AngleTable {
     double to_rad() const { return from_rad + step_rad * static_cast<double>(nm.size()); }
 };
 // Samples outside [from, to) are left out.  Throws std::invalid_argument when no sample is inside.
-AngleTable tabulate(const std::vector<double> &q_rad, const std::vector<double> &nm, double from_rad, double to_rad,
+AngleTable tabulate(const std::vector<double> &q_rad, const std::vector<double> &nm, double from_rad,
+                    double to_rad,
                     std::size_t bins);
 
 // amplitude * sin(2 pi frequency q + phase)
@@ -88,7 +90,8 @@ struct HingeFit {
 // The continuous curve of three straight lines with least squares; both hinges free, the middle
 // region at least `narrowest` of the load's range, and each region holding 2 % of the points.
 // Throws std::invalid_argument for fewer than 20 points or no range.
-HingeFit fit_hinges(const std::vector<double> &load_nm, const std::vector<double> &nm, double narrowest = 0.01);
+HingeFit fit_hinges(const std::vector<double> &load_nm, const std::vector<double> &nm, double narrowest =
+                    0.01);
 
 // Amplitude of given lines (cycles per rad) inside and outside the middle region: a sine and cosine
 // each, fitted together with the three lines' own shape; root of the sum of squared amplitudes.

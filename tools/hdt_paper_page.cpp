@@ -6,8 +6,6 @@
 #include <cmath>
 #include <limits>
 
-#include <nlohmann/json.hpp>
-
 #include "model/arm_file.hpp"
 #include "model/files.hpp"
 #include "model/rbd.hpp"
@@ -19,7 +17,6 @@ namespace hdt::paper {
 namespace {
 
 using Eigen::Index;
-using nlohmann::json;
 using Row = std::vector<std::string>;
 using Rows = std::vector<Row>;
 
@@ -57,7 +54,8 @@ public:
     }
 };
 
-Series series(const std::string &title, std::vector<double> x, std::vector<double> y, Series::Style style = Series::Line)
+Series series(const std::string &title, std::vector<double> x, std::vector<double> y, Series::Style style =
+              Series::Line)
 {
     Series s;
     s.title = title;
@@ -67,7 +65,8 @@ Series series(const std::string &title, std::vector<double> x, std::vector<doubl
     return s;
 }
 
-Plot plot_of(const std::string &title, const std::string &xlabel, const std::string &ylabel, std::vector<Series> all)
+Plot plot_of(const std::string &title, const std::string &xlabel, const std::string &ylabel,
+             std::vector<Series> all)
 {
     Plot p;
     p.title = title;
@@ -112,17 +111,6 @@ double wrapped(double angle)
 
 // ---- Tables I and II, Fig. 4 ----
 
-// Largest difference of two curves over the speeds the paper used.
-double curve_gap_nm(const hdt_arm_friction &a, const hdt_arm_friction &b)
-{
-    double worst = 0;
-    for (double v = 0.02; v <= 0.4001; v += 0.005)
-        worst = std::max(worst, std::fabs(stribeck_nm(a, v) - stribeck_nm(b, v)));
-    return worst;
-}
-
-double mean_variance(const std::array<FrictionModelFit, 2> &fit) { return (fit[0].variance + fit[1].variance) / 2; }
-
 void table_1_page(const Results &r, Page &page)
 {
     Rows rows = {{"joint", "viscous: paper", "rig", "cubic: paper", "rig", "Stribeck: paper", "rig"}};
@@ -136,10 +124,12 @@ void table_1_page(const Results &r, Page &page)
         mse.push_back({std::to_string(j + 1), num(p.viscous.mse), num(printed_mse(v, 2)), num(p.cubic.mse),
                        num(printed_mse(c, 4)), num(p.stribeck.mse), num(printed_mse(s, 4))});
     }
-    page.table(rows, "Table I, weighted residual variance, eq. (6): squared misses of the mean torque in standard "
-                     "deviations of one trial, summed over eight speeds; the rig's number is the mean of both directions.");
-    page.table(mse, "Table I, \"MSE per DOF\" in the printed convention: all 21 printed entries are 1 + variance / (6 - "
-                    "parameters), though the text lists eight speeds.");
+    page.table(rows, "Table I, weighted residual variance, eq. (6): squared misses of the mean torque in "
+                     "standard deviations of one trial, summed over eight speeds; the rig's number is the "
+                     "mean of both directions.");
+    page.table(mse, "Table I, \"MSE per DOF\" in the printed convention: all 21 printed entries are 1 + "
+                    "variance / (6 - parameters), one but for a digit (joint 5 viscous, 37.9256 for "
+                    "37.9356), though the text lists eight speeds.");
 }
 
 void table_2_page(const Results &r, Page &page)
@@ -151,12 +141,14 @@ void table_2_page(const Results &r, Page &page)
             const hdt_arm_friction p = magnitudes(d == 0 ? table_2[j].positive : table_2[j].negative);
             const FrictionModelFit &fit = r.friction[j].stribeck[d];
             const auto cell = [&](Index k) { return plus_minus(fit.parameters[k], fit.sigma[k], 3); };
-            rows.push_back({std::to_string(j + 1) + ways[d], num(p.f0_nm), cell(0), num(p.fv_nmspr), cell(1), num(p.fs_nm),
-                            cell(2), num(p.vc_radps), cell(3), num(curve_gap_nm(p, stribeck_of(fit)), 2)});
+            rows.push_back({std::to_string(j + 1) + ways[d], num(p.f0_nm), cell(0), num(p.fv_nmspr), cell(1),
+                            num(p.fs_nm), cell(2), num(p.vc_radps), cell(3),
+                            num(curve_gap_nm(p, stribeck_of(fit)), 2)});
         }
-    page.table(rows, "Table II, both directions as magnitudes along the motion (the paper prints Fs and Vc of the "
-                     "negative direction negative, which is the same curve); ± one standard deviation from the scatter "
-                     "of the trials. The last column compares the curves between 0.02 and 0.4 rad/s, where they are measured.");
+    page.table(rows, "Table II, both directions as magnitudes along the motion (the paper prints Fs and Vc "
+                     "of the negative direction negative, which is the same curve); ± one standard "
+                     "deviation from the scatter of the trials. The last column compares the curves between "
+                     "0.02 and 0.4 rad/s, where they are measured.");
 }
 
 // A vertical stroke of one standard deviation up and down at every point.
@@ -180,8 +172,10 @@ void figure_4(const Results &r, Page &page)
     for (std::size_t d = 0; d < 2; d++) {
         const double way = d == 0 ? 1 : -1;
         const std::vector<double> v = span(0.01, 0.42, 80);
-        const hdt_arm_friction ours = stribeck_of(f.stribeck[d]), printed = magnitudes(d == 0 ? table_2[1].positive : table_2[1].negative);
-        const auto curve = [&](const hdt_arm_friction &k) { return map(v, [&](double x) { return way * stribeck_nm(k, x); }); };
+        const hdt_arm_friction ours = stribeck_of(f.stribeck[d]), printed = magnitudes(d == 0
+                ? table_2[1].positive : table_2[1].negative);
+        const auto curve = [&](const hdt_arm_friction &k) { return map(v,
+                [&](double x) { return way * stribeck_nm(k, x); }); };
         const std::vector<double> x = map(v, [&](double s) { return way * s; });
         Plot p = plot_of(d == 0 ? "Fig. 4, joint 2, positive" : "Fig. 4, joint 2, negative", "rad/s", "N m",
                          {error_bars(f.points[d], way), series("fitted Stribeck curve", x, curve(ours)),
@@ -194,9 +188,10 @@ void figure_4(const Results &r, Page &page)
 void friction_page(const Plan &plan, const Results &r, Page &page)
 {
     page.heading("Friction against speed: Tables I and II, Fig. 4");
-    page.html.paragraph("Velocity mode; eight speeds from 0.02 to 0.4 rad/s both ways, " + std::to_string(plan.trials) +
-                        " trials a joint, mounted so that gravity does not load the joint; torque from the servo's "
-                        "telegrams, averaged over whole turns of the wave generator.");
+    page.html.paragraph("Velocity mode; eight speeds from 0.02 to 0.4 rad/s both ways, " +
+                        std::to_string(plan.trials) +
+                        " trials a joint, mounted so that gravity does not load the joint; torque from the "
+                        "servo's telegrams, averaged over whole turns of the wave generator.");
     table_1_page(r, page);
     table_2_page(r, page);
     figure_4(r, page);
@@ -206,7 +201,8 @@ void friction_page(const Plan &plan, const Results &r, Page &page)
 
 void table_3_page(const Plan &plan, const Results &r, Page &page)
 {
-    Rows rows = {{"joint", "f1: paper", "rig", "A1: paper", "rig", "phase: paper", "rig", "f2: paper", "rig", "A2: paper",
+    Rows rows = {{"joint", "f1: paper", "rig", "A1: paper", "rig", "phase: paper", "rig", "f2: paper", "rig",
+                  "A2: paper",
                   "rig", "phase: paper", "rig", "per turn", "left, N m rms"}};
     for (std::size_t j = 0; j < printed_joints; j++)
         for (std::size_t d = 0; d < 2; d++) {
@@ -216,20 +212,23 @@ void table_3_page(const Plan &plan, const Results &r, Page &page)
                 const PrintedLine &p = table_3[j][k];
                 const auto &lines = r.position[j].lines[d];
                 if (k >= lines.size()) {
-                    row.insert(row.end(), {num(p.f, 4), "n/a", num(p.amplitude), "n/a", num(wrapped(p.phase)), "n/a"});
+                    row.insert(row.end(), {num(p.f, 4), "n/a", num(p.amplitude), "n/a", num(wrapped(p.phase)),
+                                           "n/a"});
                     continue;
                 }
                 row.insert(row.end(), {num(p.f, 4), num(lines[k].cycles_per_rad, 4), num(p.amplitude),
-                                       num(lines[k].amplitude_nm), num(wrapped(p.phase)), num(wrapped(lines[k].phase_rad))});
+                                       num(lines[k].amplitude_nm), num(wrapped(p.phase)),
+                                           num(wrapped(lines[k].phase_rad))});
                 orders += (k == 0 ? "" : ", ") + num(lines[k].cycles_per_rad * 2 * pi / ratio_of(plan, j), 4);
             }
             row.push_back(orders);
             row.push_back(num(r.position[j].rest_rms_nm[d], 2));
             rows.push_back(row);
         }
-    page.table(rows, "Table III: the two strongest lines of the torque at 0.01 rad/s, as torque along the motion; f in cycles "
-                     "per radian of output, amplitude in N m, phase modulo a turn; \"per turn\" is f in cycles per turn of the wave "
-                     "generator. The last column is what the two lines leave of the zero-mean torque.");
+    page.table(rows, "Table III: the two strongest lines of the torque at 0.01 rad/s, as torque along the "
+                     "motion; f in cycles per radian of output, amplitude in N m, phase modulo a turn; "
+                     "\"per turn\" is f in cycles per turn of the wave generator. The last column is what "
+                     "the two lines leave of the zero-mean torque.");
 }
 
 void figure_5(const Results &r, Page &page)
@@ -245,7 +244,8 @@ void figure_5(const Results &r, Page &page)
         measured.push_back(t.nm[i] - mean);
         fit.push_back(lines_nm(r.position[1].lines[0], at));
     }
-    page.html.plot(plot_of("Fig. 5, joint 2: zero-mean torque at 0.01 rad/s and its two lines (part of the range)", "rad",
+    page.html.plot(plot_of("Fig. 5, joint 2: zero-mean torque at 0.01 rad/s and its two lines (part of the "
+                           "range)", "rad",
                            "N m", {series("measured", q, measured), series("two lines", q, fit)}));
     const Spectrum s = spectrum(t);
     Series amplitude = series("", {}, {}, Series::Impulses);
@@ -270,27 +270,33 @@ void position_page(const Plan &plan, const Results &r, Page &page)
 
 void table_5_page(const Results &r, Page &page)
 {
-    Rows rows = {{"joint", "slope 1: paper", "rig", "T1: paper", "rig", "slope 2: paper", "rig", "T2: paper", "rig",
+    Rows rows = {{"joint", "slope 1: paper", "rig", "T1: paper", "rig", "slope 2: paper", "rig", "T2: paper",
+                  "rig",
                   "slope 3: paper", "rig", "zero: paper", "rig"}};
-    Rows steps = {{"joint", "step: paper", "rig", "left by the three lines, N m rms", "by one line", "periodic torque inside",
+    Rows steps = {{"joint", "step: paper", "rig", "left by the three lines, N m rms", "by one line",
+                   "periodic torque inside",
                    "outside", "inside / outside"}};
     for (std::size_t j = 0; j < sweep_joints; j++)
         for (std::size_t d = 0; d < 2; d++) {
             const JointStiffness &s = r.stiffness[j];
             const PrintedLines p = table_5[j][d], o = as_printed(s.fit[d].lines, d == 1);
             const std::string name = std::to_string(j + 1) + ways[d];
-            rows.push_back({name, num(p.slope_1), num(o.slope_1), num(p.t_1), num(o.t_1), num(p.slope_2), num(o.slope_2),
-                            num(p.t_2), num(o.t_2), num(p.slope_3), num(o.slope_3), num(p.zero), num(o.zero)});
+            rows.push_back({name, num(p.slope_1), num(o.slope_1), num(p.t_1), num(o.t_1), num(p.slope_2),
+                            num(o.slope_2),
+                            num(p.t_2), num(o.t_2), num(p.slope_3), num(o.slope_3), num(p.zero),
+                                num(o.zero)});
             const double printed_step = std::fabs(p.slope_2 * (p.t_2 - p.t_1));
             steps.push_back({name, num(printed_step), num(s.fit[d].step_nm()), num(s.fit[d].rms_nm, 2),
-                             num(s.fit[d].flat_rms_nm, 2), num(s.ripple[d].inside_nm), num(s.ripple[d].outside_nm),
+                             num(s.fit[d].flat_rms_nm, 2), num(s.ripple[d].inside_nm),
+                                 num(s.ripple[d].outside_nm),
                              num(s.ripple[d].inside_nm / s.ripple[d].outside_nm, 2)});
         }
-    page.table(rows, "Table V in the paper's convention (negative rows: torque along the motion); loads and zero in N m, "
-                     "slopes in N m/N m. Three lines through the rest after friction and gravity, payloads 0 to 4.5 kg together. The "
-                     "paper prints T1 and T2 of row 3- in the order 5.30, 2.64.");
-    page.table(steps, "Height of the step, slope 2 times its width; and the amplitude of the two lines of Table III inside and "
-                      "outside the middle region, N m.");
+    page.table(rows, "Table V in the paper's convention (negative rows: torque along the motion); loads and "
+                     "zero in N m, slopes in N m/N m. Three lines through the rest after friction and "
+                     "gravity, payloads 0 to 4.5 kg together. The paper prints T1 and T2 of row 3- in the "
+                     "order 5.30, 2.64.");
+    page.table(steps, "Height of the step, slope 2 times its width; and the amplitude of the two lines of "
+                      "Table III inside and outside the middle region, N m.");
 }
 
 Plot figure_7a(const Results &r)
@@ -298,7 +304,8 @@ Plot figure_7a(const Results &r)
     const Subtracted &s = r.stiffness[1].sweeps[0][0];
     const std::vector<double> degrees = map(s.q_rad, [](double q) { return q * 180 / pi; });
     Plot p = plot_of("Fig. 7 (a), joint 2, no payload, positive direction", "joint angle, deg", "N m",
-                     {series("total torque", degrees, s.total_nm), series("less friction", degrees, s.less_friction_nm),
+                     {series("total torque", degrees, s.total_nm), series("less friction", degrees,
+                             s.less_friction_nm),
                       series("less gravity: the rest", degrees, s.rest_nm)});
     p.height_px = 380;
     return p;
@@ -307,18 +314,24 @@ Plot figure_7a(const Results &r)
 Plot figure_7b(const Results &r, std::size_t j, std::size_t d)
 {
     const JointStiffness &s = r.stiffness[j];
+    // beyond this nothing happens
+    constexpr double shown_nm = 60;
     std::vector<double> load, rest;
-    for (const Subtracted &one : s.sweeps[d]) {
-        load.insert(load.end(), one.load_nm.begin(), one.load_nm.end());
-        rest.insert(rest.end(), one.rest_nm.begin(), one.rest_nm.end());
-    }
+    for (const Subtracted &one : s.sweeps[d])
+        for (std::size_t i = 0; i < one.load_nm.size(); i++)
+            if (std::fabs(one.load_nm[i]) <= shown_nm) {
+                load.push_back(one.load_nm[i]);
+                rest.push_back(one.rest_nm[i]);
+            }
     const auto [low, high] = std::minmax_element(load.begin(), load.end());
     const std::vector<double> x = span(*low, *high, 400);
     const hdt_arm_stiffness printed = joint_signed(table_5[j][d], d == 1);
-    Plot p = plot_of("Fig. 7 (b), joint " + std::to_string(j + 1) + (d == 0 ? ", positive" : ", negative"), "gravity torque, N m",
+    Plot p = plot_of("Fig. 7 (b), joint " + std::to_string(j + 1) + (d == 0 ? ", positive" : ", negative"),
+                     "gravity torque, N m",
                      "rest, N m",
                      {series("measured", load, rest, Series::Points),
-                      series("three lines", x, map(x, [&](double v) { return stiffness_nm(s.fit[d].lines, v); })),
+                      series("three lines", x, map(x, [&](double v) { return stiffness_nm(s.fit[d].lines,
+                              v); })),
                       series("Table V", x, map(x, [&](double v) { return stiffness_nm(printed, v); }))});
     p.height_px = 300;
     return p;
@@ -327,11 +340,17 @@ Plot figure_7b(const Results &r, std::size_t j, std::size_t d)
 void stiffness_page(const Results &r, Page &page)
 {
     page.heading("Soft wind-up: Table V, Fig. 7");
-    page.html.paragraph("Velocity mode at " + num(sweep_radps) + " rad/s from -90 to +90 deg and back with 0, 1.5, 3 and 4.5 kg "
-                        "at the flange, joints 1 and 3 on the wall, 2 and 4 on the pedestal. From the torque: less friction (the "
-                        "table measured at 0.01 rad/s, and what eq. (7) grows from there to this speed), less gravity. In the plant "
-                        "nobody adds such a torque: what is left comes out of mesh friction that depends on load and direction, "
-                        "and of the gear's spring.");
+    page.html.paragraph("Velocity mode at " + num(sweep_radps) + " rad/s from -90 to +90 deg and back with "
+                                                                 "0, 1.5, 3 and 4.5 kg at the flange, "
+                                                                 "joints 1 and 3 on the wall, 2 and 4 on "
+                                                                 "the pedestal. From the torque: less "
+                                                                 "friction (the table measured at 0.01 "
+                                                                 "rad/s, and what eq. (7) grows from there "
+                                                                 "to this speed), less gravity. In the "
+                                                                 "plant nobody adds such a torque: what is "
+                                                                 "left comes out of mesh friction that "
+                                                                 "depends on load and direction, and of the "
+                                                                 "gear's spring.");
     page.html.plot(figure_7a(r));
     for (std::size_t j = 0; j < sweep_joints; j++)
         page.html.plots({figure_7b(r, j, 0), figure_7b(r, j, 1)});
@@ -351,12 +370,14 @@ Row loop_row(const Loop &l, const std::string &name)
 void table_8(const Results &r, Page &page)
 {
     Rows rows = {{"host's model", "first second, largest error, mm", "mean after, mm", "largest after, mm",
-                  "mean as the resolvers say it, mm", "furthest below the path, mm", "feedback share, %", "ran"},
+                  "mean as the resolvers say it, mm", "furthest below the path, mm", "feedback share, %",
+                      "ran"},
                  {"paper", "42", "7", "19", "", "collapse without feed-forward", "", "to the end"}};
     for (const Loop &l : r.lemniscate)
         rows.push_back(loop_row(l, l.what));
-    page.table(rows, "The lemniscate of eq. (14) entered at full speed from standstill, joint 3 braked, gains of Table VI; "
-                     "flange errors at the true link side, mean over repetitions (largest: over all of them).");
+    page.table(rows, "The lemniscate of eq. (14) entered at full speed from standstill, joint 3 braked, "
+                     "gains of Table VI; flange errors at the true link side, mean over repetitions "
+                     "(largest: over all of them).");
 }
 
 void figure_8(const Plan &plan, const Results &r, Page &page)
@@ -372,10 +393,14 @@ void figure_8(const Plan &plan, const Results &r, Page &page)
         p.width_px = 430;
         return p;
     };
-    page.html.plots({path(with, "Fig. 8: with the model as measured"), path(without, "feedback alone, the same gains")});
-    Plot error = plot_of("Flange error", "t, s", "mm", {series("model as measured", r.lemniscate[0].first.t_s, with.error_mm),
-                                                          series("feedback alone", r.lemniscate[4].first.t_s, without.error_mm),
-                                                          series("feedback alone, ten times the gains", r.lemniscate[5].first.t_s,
+    page.html.plots({path(with, "Fig. 8: with the model as measured"), path(without,
+            "feedback alone, the same gains")});
+    Plot error = plot_of("Flange error", "t, s", "mm", {series("model as measured", r.lemniscate[0].first.t_s,
+                                                               with.error_mm),
+                                                          series("feedback alone", r.lemniscate[4].first.t_s,
+                                                                 without.error_mm),
+                                                          series("feedback alone, ten times the gains",
+                                                                 r.lemniscate[5].first.t_s,
                                                                  figures(5).error_mm)});
     error.height_px = 240;
     page.html.plot(error);
@@ -419,8 +444,9 @@ void figure_9(const Results &r, Page &page)
 void lemniscate_page(const Plan &plan, const Results &r, Page &page)
 {
     page.heading("The lemniscate: Figs. 8 and 9");
-    page.html.paragraph("Torque mode. \"As measured\": friction of Table II, lines of Table III and Table V as this run measured "
-                        "them, and the paper's terms: friction for all joints, gravity and wind-up for joints 2 and 4 only, no inertia.");
+    page.html.paragraph("Torque mode. \"As measured\": friction of Table II, lines of Table III and Table V "
+                        "as this run measured them, and the paper's terms: friction for all joints, gravity "
+                        "and wind-up for joints 2 and 4 only, no inertia.");
     table_8(r, page);
     figure_8(plan, r, page);
     figure_9(r, page);
@@ -440,26 +466,36 @@ void joint_3_page(const Results &r, Page &page)
                 {"largest error, rad", "", num(most, 2)},
                 {"feedback share, %", "", num(100 * l.mean(&LoopFigures::feedback_share), 2)},
                 {"ran", "to the end", l.fault.empty() ? "to the end" : l.fault}},
-               "Joint 3, 1.0 rad at 0.1 rad/s from the pose in which gravity loads it most, pedestal, P 4.0 and D 0.5 N m motor "
-               "side per rad and rad/s; error at the link side.");
+               "Joint 3, 1.0 rad at 0.1 rad/s from the pose in which gravity loads it most, pedestal, P 4.0 "
+               "and D 0.5 N m motor side per rad and rad/s; error at the link side.");
     page.html.plot(torques(l.first, 2, "Fig. 10, joint 3"));
 }
 
 void low_page(const Results &r, Page &page)
 {
     page.heading("Through the region of low stiffness");
-    page.html.paragraph("Joint 2 in torque mode from -90 to +90 deg and back at 0.1 rad/s with the gains of Table VI: a task the "
-                        "authors avoided. Friction and gravity are fed forward; the lines of Table V are left out, as measured "
-                        "here, and as printed.");
-    Rows rows = {{"fed forward", "error inside, rad", "outside, rad", "largest, rad", "feedback inside, N m rms",
-                  "outside, N m rms", "feedback share, %", "ran"}};
+    page.html.paragraph("Joint 2 in torque mode from -90 to +90 deg and back at 0.1 rad/s with the gains of "
+                        "Table VI: a task the authors avoided. Friction and gravity are fed forward; the "
+                        "lines of Table V are left out, as measured here, and as printed.");
+    Rows rows = {{"fed forward", "error, load against, rad", "in the step, rad", "load driving, rad",
+                  "largest, rad",
+                  "feedback, load against, N m", "in the step, N m", "load driving, N m", "feedback share, %",
+                      "ran"}};
     std::vector<Series> feedback;
     for (const LowRegion &l : r.low) {
-        rows.push_back({l.name, num(l.error_in_rad, 2), num(l.error_out_rad, 2), num(l.error_max_rad, 2), num(l.feedback_in_nm),
-                        num(l.feedback_out_nm), num(100 * l.feedback_share, 2), l.fault.empty() ? "to the end" : l.fault});
+        Row row = {l.name};
+        for (const double x : l.error_rad)
+            row.push_back(num(x, 2));
+        row.push_back(num(l.error_max_rad, 2));
+        for (const double x : l.feedback_nm)
+            row.push_back(num(x));
+        row.insert(row.end(), {num(100 * l.feedback_share, 2), l.fault.empty() ? "to the end" : l.fault});
+        rows.push_back(row);
         feedback.push_back(series(l.name, l.run.t_s, column(l.run.feedback_nm, 1)));
     }
-    page.table(rows, "Inside: load between T1 and T2 as measured, of the direction of motion. Errors at the link side.");
+    page.table(rows, "Mean errors at the link side and rms of the feedback torque while the load is held "
+                     "back by the motor, between T1 and T2 as measured in that direction (\"the step\"), "
+                     "and beyond, where the load drives the joint.");
     page.html.plot(plot_of("Feedback torque of joint 2", "t, s", "N m", feedback));
 }
 
@@ -468,16 +504,18 @@ void low_page(const Results &r, Page &page)
 void equations_table(const Results &r, Page &page)
 {
     static const char *const number[5] = {"(9)", "(10)", "(11)", "(12)", "(13)"};
-    Rows rows = {{"equation", "joint", "largest true torque, N m", "as printed: worst error, N m", "negated: worst error, N m",
+    Rows rows = {{"equation", "joint", "largest true torque, N m", "as printed: worst error, N m",
+                  "negated: worst error, N m",
                   "closed form used here: worst error, N m", "verdict"}};
     for (std::size_t i = 0; i < r.equations.size(); i++) {
         const EquationCheck &c = r.equations[i];
         const bool right = std::min(c.printed_nm, c.printed_negated_nm) < 1e-6;
-        rows.push_back({number[i], std::to_string(i + 2), num(c.largest_nm), num(c.printed_nm), num(c.printed_negated_nm),
+        rows.push_back({number[i], std::to_string(i + 2), num(c.largest_nm), num(c.printed_nm),
+                        num(c.printed_negated_nm),
                         num(c.right_nm, 2), right ? "right" : "not a gradient of the potential energy"});
     }
-    page.table(rows, "Gravity torques with the masses of Table IV against the central difference of the potential energy, 2000 "
-                     "random poses within half a turn.");
+    page.table(rows, "Gravity torques with the masses of Table IV against the central difference of the "
+                     "potential energy, 2000 random poses within half a turn.");
 }
 
 double holding_nm(const hdt_arm &arm, int joint)
@@ -490,19 +528,24 @@ double holding_nm(const hdt_arm &arm, int joint)
 
 void table_4_page(const Plan &plan, const Results &r, Page &page)
 {
-    Rows rows = {{"joint, horizontal", "Table IV, N m", "the paper's text", "model file, N m", "rig: half the sum of both ways, N m",
+    Rows rows = {{"joint, horizontal", "Table IV, N m", "the paper's text", "model file, N m",
+                  "rig: half the sum of both ways, N m",
                   "model over the same stretch, N m"}};
     for (const int joint : {2, 4, 6}) {
         SixAngles q{};
         q[static_cast<std::size_t>(joint - 1)] = -pi / 2;
         const std::size_t j = static_cast<std::size_t>(joint - 1);
         const bool swept = joint <= sweep_joints && plan.needs_stiffness();
-        rows.push_back({std::to_string(joint), num(right_gravity(table_4, q)[j - 1]), joint == 6 ? "about 0.3 N m" : "",
-                        num(holding_nm(plan.rig.arm, joint)), swept ? num(r.stiffness[j].gravity_at_minus_90_nm[0]) : "n/a",
+        rows.push_back({std::to_string(joint), num(right_gravity(table_4, q)[j - 1]), joint == 6
+                        ? "about 0.3 N m" : "", num(holding_nm(plan.rig.arm, joint)), swept
+                            ? num(r.stiffness[j].gravity_at_minus_90_nm[0]) : "n/a",
                         swept ? num(r.stiffness[j].gravity_at_minus_90_nm[1]) : "n/a"});
     }
-    page.table(rows, "Table IV as holding torque. Its 4.34 kg hand at 0.09 m gives joint 6 ten times what the text says; per-link "
-                     "masses of the manufacturer agree with both the shoulder and the text and are in the model file.");
+    page.table(rows, "Table IV as holding torque. Its 4.34 kg hand at 0.09 m gives joint 6 ten times what "
+                     "the text says; per-link masses of the manufacturer agree with both the shoulder and "
+                     "the text and are in the model file. Half the sum of the torque up and down is no "
+                     "measurement of gravity in such a gear: friction differs between driving and being "
+                     "driven, and half the step is added to it.");
 }
 
 void table_5_consistency(Page &page)
@@ -514,9 +557,10 @@ void table_5_consistency(Page &page)
         rows.push_back({std::to_string(j + 1), num(plus), num(minus), num(minus / plus, 2),
                         n.t_1 < n.t_2 ? "in order" : "out of order; swapped the step is " + num(-minus)});
     }
-    page.table(rows, "Steps of Table V as printed. Read joint-signed, the - rows would let the motor torque rise where gravity helps, "
-                     "against the text; they are torque along the motion. Then joints 2, 3 (swapped) and 4 agree between "
-                     "directions within 4 %; row 1- has half the step of 1+.");
+    page.table(rows, "Steps of Table V as printed. Read joint-signed, the - rows would let the motor torque "
+                     "rise where gravity helps, against the text; they are torque along the motion. Then "
+                     "joints 2, 3 (swapped) and 4 agree between directions within 4 %; row 1- has half the "
+                     "step of 1+.");
 }
 
 void equations_page(const Plan &plan, const Results &r, Page &page)
@@ -527,243 +571,7 @@ void equations_page(const Plan &plan, const Results &r, Page &page)
     table_5_consistency(page);
 }
 
-// ---- JSON ----
-
-json fit_json(const FrictionModelFit &fit, int parameters)
-{
-    return {{"parameters", std::vector<double>(fit.parameters.begin(), fit.parameters.end())},
-            {"sigma", std::vector<double>(fit.sigma.begin(), fit.sigma.end())},
-            {"weighted_residual_variance", fit.variance},
-            {"mse_per_dof_printed", printed_mse(fit.variance, parameters)},
-            {"rms_nm", fit.rms_nm}};
-}
-
-json friction_json(const Results &r)
-{
-    json all = json::array();
-    for (std::size_t j = 0; j < printed_joints; j++)
-        for (std::size_t d = 0; d < 2; d++) {
-            const JointFriction &f = r.friction[j];
-            json points = json::array();
-            for (const SpeedPoint &p : f.points[d])
-                points.push_back({{"speed_radps", p.speed_radps}, {"mean_nm", p.mean_nm}, {"sd_nm", p.sd_nm}, {"trials", p.trials}});
-            all.push_back({{"joint", j + 1}, {"direction", d == 0 ? "positive" : "negative"}, {"points", points},
-                           {"viscous", fit_json(f.viscous[d], 2)}, {"cubic", fit_json(f.cubic[d], 4)},
-                           {"stribeck", fit_json(f.stribeck[d], 4)},
-                           {"curve_gap_to_table_2_nm",
-                            curve_gap_nm(magnitudes(d == 0 ? table_2[j].positive : table_2[j].negative), stribeck_of(f.stribeck[d]))}});
-        }
-    return all;
-}
-
-json position_json(const Results &r)
-{
-    json all = json::array();
-    for (std::size_t j = 0; j < printed_joints; j++)
-        for (std::size_t d = 0; d < 2; d++) {
-            json lines = json::array();
-            for (const AngleLine &l : r.position[j].lines[d])
-                lines.push_back({{"cycles_per_rad", l.cycles_per_rad}, {"amplitude_nm", l.amplitude_nm}, {"phase_rad", l.phase_rad}});
-            all.push_back({{"joint", j + 1}, {"direction", d == 0 ? "positive" : "negative"}, {"mean_nm", r.position[j].turns[d].mean()},
-                           {"lines", lines}, {"rms_nm", r.position[j].rms_nm[d]}, {"rest_rms_nm", r.position[j].rest_rms_nm[d]}});
-        }
-    return all;
-}
-
-json stiffness_json(const Results &r)
-{
-    json all = json::array();
-    for (std::size_t j = 0; j < sweep_joints; j++)
-        for (std::size_t d = 0; d < 2; d++) {
-            const JointStiffness &s = r.stiffness[j];
-            const hdt_arm_stiffness &k = s.fit[d].lines;
-            all.push_back({{"joint", j + 1}, {"direction", d == 0 ? "positive" : "negative"}, {"sign", "joint"},
-                           {"slope", {k.slope[0], k.slope[1], k.slope[2]}}, {"t1_nm", k.t1_nm}, {"t2_nm", k.t2_nm},
-                           {"zero_nm", k.zero_nm}, {"step_nm", s.fit[d].step_nm()}, {"rms_nm", s.fit[d].rms_nm},
-                           {"one_line_rms_nm", s.fit[d].flat_rms_nm}, {"ripple_inside_nm", s.ripple[d].inside_nm},
-                           {"ripple_outside_nm", s.ripple[d].outside_nm}});
-        }
-    return all;
-}
-
-json loop_json(const Loop &l)
-{
-    json runs = json::array();
-    for (const LoopFigures &f : l.figures)
-        runs.push_back({{"first_second_max_mm", f.first_second_max_mm}, {"error_mean_mm", f.error_mean_mm},
-                        {"error_max_mm", f.error_max_mm}, {"seen_mean_mm", f.seen_mean_mm}, {"seen_max_mm", f.seen_max_mm},
-                        {"fall_mm", f.fall_mm}, {"feedback_share", f.feedback_share}, {"joint_mean_rad", f.joint_mean_rad},
-                        {"joint_max_rad", f.joint_max_rad}, {"joint_feedback_share", f.joint_feedback_share}});
-    return {{"name", l.setup.name}, {"what", l.what}, {"fault", l.fault}, {"runs", runs}};
-}
-
-json low_json(const Results &r)
-{
-    json all = json::array();
-    for (const LowRegion &l : r.low)
-        all.push_back({{"name", l.name}, {"fault", l.fault}, {"error_in_rad", l.error_in_rad}, {"error_out_rad", l.error_out_rad},
-                       {"error_max_rad", l.error_max_rad}, {"feedback_in_nm", l.feedback_in_nm},
-                       {"feedback_out_nm", l.feedback_out_nm}, {"feedback_share", l.feedback_share}});
-    return all;
-}
-
-json equations_json(const Results &r)
-{
-    json all = json::array();
-    for (std::size_t i = 0; i < r.equations.size(); i++)
-        all.push_back({{"equation", i + 9}, {"printed_worst_nm", r.equations[i].printed_nm},
-                       {"negated_worst_nm", r.equations[i].printed_negated_nm}, {"right_worst_nm", r.equations[i].right_nm},
-                       {"largest_nm", r.equations[i].largest_nm}});
-    return all;
-}
-
-json all_json(const Plan &plan, const Results &r)
-{
-    json out = {{"format", "hdt-paper"}, {"version", 1}, {"arm", plan.rig.arm.name}, {"individual", plan.rig.individual},
-                {"seed", plan.rig.seed}, {"trials", plan.trials}};
-    json said = json::array();
-    for (const Statement &s : statements(plan, r))
-        said.push_back({{"statement", s.text}, {"paper", s.paper}, {"rig", s.ours}, {"holds", s.holds}});
-    out["statements"] = said;
-    if (plan.want(PART_FRICTION))
-        out["friction"] = friction_json(r);
-    if (plan.want(PART_POSITION))
-        out["position"] = position_json(r);
-    if (plan.want(PART_STIFFNESS))
-        out["stiffness"] = stiffness_json(r);
-    for (const Loop &l : r.lemniscate)
-        out["lemniscate"].push_back(loop_json(l));
-    if (plan.want(PART_JOINT_3))
-        out["joint_3"] = loop_json(r.joint_3);
-    if (plan.want(PART_LOW))
-        out["low_region"] = low_json(r);
-    if (plan.want(PART_EQUATIONS))
-        out["equations"] = equations_json(r);
-    return out;
-}
-
 } // namespace
-
-// ---- statements ----
-
-namespace {
-
-void friction_statements(const Results &r, std::vector<Statement> &all)
-{
-    int better = 0, cubic_better = 0, near = 0;
-    double worst = 0;
-    for (std::size_t j = 0; j < printed_joints; j++) {
-        better += mean_variance(r.friction[j].stribeck) < mean_variance(r.friction[j].viscous);
-        cubic_better += mean_variance(r.friction[j].cubic) < mean_variance(r.friction[j].stribeck);
-        for (std::size_t d = 0; d < 2; d++) {
-            const hdt_arm_friction p = magnitudes(d == 0 ? table_2[j].positive : table_2[j].negative);
-            const double share = curve_gap_nm(p, stribeck_of(r.friction[j].stribeck[d])) / stribeck_nm(p, 0.02);
-            worst = std::max(worst, share);
-            near += share < 0.03;
-        }
-    }
-    all.push_back({"The Stribeck curve fits better than the viscous line", "7 of 7 joints", std::to_string(better) + " of 7 joints",
-                   better == printed_joints});
-    all.push_back({"The cubic fits some joints better than the Stribeck curve", "4 of 7 joints", std::to_string(cubic_better) + " of 7 joints",
-                   cubic_better > 0 && cubic_better < printed_joints});
-    all.push_back({"The friction curves of Table II come out again (within 3 % of the friction at 0.02 rad/s)", "",
-                   std::to_string(near) + " of 14 curves, worst " + num(100 * worst, 2) + " %", near == 14});
-}
-
-// Is there a found line within 1 % of the printed frequency?
-const AngleLine *line_near(const std::vector<AngleLine> &lines, double f)
-{
-    for (const AngleLine &l : lines)
-        if (std::fabs(l.cycles_per_rad / f - 1) < 0.01)
-            return &l;
-    return nullptr;
-}
-
-void position_statements(const Results &r, std::vector<Statement> &all)
-{
-    int found = 0;
-    double worst = 0;
-    for (std::size_t j = 0; j < printed_joints; j++)
-        for (const PrintedLine &p : table_3[j])
-            if (const AngleLine *l = line_near(r.position[j].lines[0], p.f)) {
-                found++;
-                worst = std::max(worst, std::fabs(l->amplitude_nm / p.amplitude - 1));
-            }
-    all.push_back({"Two lines dominate the friction over position: those of Table III", "14 lines",
-                   std::to_string(found) + " of 14 found, amplitudes within " + num(100 * worst, 2) + " %", found >= 13});
-}
-
-void stiffness_statements(const Results &r, std::vector<Statement> &all)
-{
-    std::string steps, inside;
-    int drops = 0, smaller = 0;
-    for (std::size_t j = 0; j < sweep_joints; j++) {
-        const JointStiffness &s = r.stiffness[j];
-        const double step = s.fit[0].step_nm(), printed = table_5[j][0].slope_2 * (table_5[j][0].t_2 - table_5[j][0].t_1),
-                     share = s.ripple[0].inside_nm / s.ripple[0].outside_nm;
-        steps += (j == 0 ? "" : ", ") + num(step);
-        inside += (j == 0 ? "" : ", ") + num(share, 2);
-        drops += step > 0.65 * printed && step < 1.35 * printed;
-        smaller += share < 0.8;
-    }
-    all.push_back({"Joint torque drops sharply where gravity begins to drive the joint; joints 1 to 4, N m, positive direction",
-                   "29.5, 30.8, 9.8, 16.8", steps, drops == sweep_joints});
-    all.push_back({"The periodic torque is smaller in that region (inside / outside; joints 1 to 4)", "\"significantly lower\"", inside,
-                   smaller == sweep_joints});
-}
-
-void loop_statements(const Results &r, std::vector<Statement> &all)
-{
-    const Loop &own = r.lemniscate[0], &none = r.lemniscate[4], &ten = r.lemniscate[5];
-    const double mean = own.mean(&LoopFigures::error_mean_mm), most = own.most(&LoopFigures::error_max_mm),
-                 first = own.mean(&LoopFigures::first_second_max_mm), fall = none.most(&LoopFigures::fall_mm);
-    const auto within_two = [](double ours, double paper) { return ours < 2 * paper && ours > paper / 2; };
-    all.push_back({"Lemniscate with the model fed forward: mean flange error (within a factor of two)", "7 mm", num(mean) + " mm",
-                   within_two(mean, 7)});
-    all.push_back({"... largest error after the first second (within a factor of two)", "19 mm", num(most) + " mm", within_two(most, 19)});
-    all.push_back({"... largest error at the beginning (within a factor of two)", "42 mm", num(first) + " mm", within_two(first, 42)});
-    all.push_back({"With the same gains and no feed-forward the arm collapses (falls more than 100 mm)", "\"collapse\"",
-                   num(fall) + " mm below the path", fall > 100});
-    const double ten_mean = ten.mean(&LoopFigures::error_mean_mm);
-    all.push_back({"Without the model the same accuracy needs gains at least ten times higher", "\"at least a factor of 10\"",
-                   ten.fault.empty() ? num(ten_mean) + " mm mean with ten times the gains" : "ten times the gains: fault " + ten.fault,
-                   !ten.fault.empty() || ten_mean > 0.8 * mean});
-}
-
-} // namespace
-
-std::vector<Statement> statements(const Plan &plan, const Results &r)
-{
-    std::vector<Statement> all;
-    if (plan.want(PART_FRICTION))
-        friction_statements(r, all);
-    if (plan.want(PART_POSITION))
-        position_statements(r, all);
-    if (plan.want(PART_STIFFNESS))
-        stiffness_statements(r, all);
-    if (plan.want(PART_LEMNISCATE))
-        loop_statements(r, all);
-    if (plan.want(PART_JOINT_3)) {
-        double mean = 0;
-        for (const LoopFigures &f : r.joint_3.figures)
-            mean += f.joint_mean_rad[2] / static_cast<double>(r.joint_3.figures.size());
-        all.push_back({"Joint 3, 1.0 rad at 0.1 rad/s: mean error (within a factor of two)", "0.01 rad", num(mean, 2) + " rad",
-                       mean < 0.02 && mean > 0.005 && r.joint_3.fault.empty()});
-    }
-    if (plan.want(PART_LOW)) {
-        const LowRegion &without = r.low[0], &with = r.low[1];
-        all.push_back({"The model fails where stiffness is low; the lines help there (feedback inside, without and with them)",
-                       "described, no numbers", num(without.feedback_in_nm) + " and " + num(with.feedback_in_nm) + " N m rms",
-                       with.feedback_in_nm < 0.7 * without.feedback_in_nm});
-    }
-    if (plan.want(PART_EQUATIONS)) {
-        int right = 0;
-        for (const EquationCheck &c : r.equations)
-            right += std::min(c.printed_nm, c.printed_negated_nm) < 1e-6;
-        all.push_back({"Gravity equations (9) to (13) are right as printed", "5 of 5", std::to_string(right) + " of 5", right == 5});
-    }
-    return all;
-}
 
 void write_page(const std::string &dir, const Plan &plan, const Results &r)
 {
@@ -771,15 +579,18 @@ void write_page(const std::string &dir, const Plan &plan, const Results &r)
     const std::vector<Statement> said = statements(plan, r);
     const auto hold = std::count_if(said.begin(), said.end(), [](const Statement &s) { return s.holds; });
     page.html.verdict(std::to_string(hold) + " of " + std::to_string(said.size()) +
-                          " statements of the paper hold in the rig. The arm is simulated from " + plan.rig.arm.name +
-                          " (individual " + std::to_string(plan.rig.individual) + ", seed " + std::to_string(plan.rig.seed) +
+                          " statements of the paper hold in the rig. The arm is simulated from " +
+                              plan.rig.arm.name +
+                          " (individual " + std::to_string(plan.rig.individual) + ", seed " +
+                              std::to_string(plan.rig.seed) +
                           "); every torque is what the servo reports in its telegrams.",
                       2 * hold > static_cast<long>(said.size()));
     Rows rows = {{"statement", "paper", "rig", "holds"}};
     for (const Statement &s : said)
         rows.push_back({s.text, s.paper, s.ours, s.holds ? "yes" : "no"});
     page.markdown += "### Statements\n\n";
-    page.table(rows, "What the paper says and what the rig says to it. The criterion stands in brackets where there is one.");
+    page.table(rows, "What the paper says and what the rig says to it. The criterion stands in brackets "
+                     "where there is one.");
     if (plan.want(PART_FRICTION))
         friction_page(plan, r, page);
     if (plan.want(PART_POSITION))
@@ -796,7 +607,7 @@ void write_page(const std::string &dir, const Plan &plan, const Results &r)
         equations_page(plan, r, page);
     page.html.write(dir + "/report.html");
     write_file(dir + "/tables.md", page.markdown);
-    write_file(dir + "/paper.json", all_json(plan, r).dump(1) + "\n");
+    write_file(dir + "/paper.json", json_of(plan, r));
 }
 
 } // namespace hdt::paper

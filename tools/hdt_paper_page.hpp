@@ -19,6 +19,9 @@ struct Statement {
 };
 std::vector<Statement> statements(const Plan &plan, const Results &r);
 
+// Every number, no trace of a run.
+std::string json_of(const Plan &plan, const Results &r);
+
 // DIR/report.html, DIR/paper.json, DIR/tables.md.  Throws InputError when one cannot be written.
 void write_page(const std::string &dir, const Plan &plan, const Results &r);
 

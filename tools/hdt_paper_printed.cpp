@@ -60,7 +60,8 @@ hdt_arm_friction magnitudes(const PrintedStribeck &row)
 hdt_arm_stiffness joint_signed(const PrintedLines &row, bool negative)
 {
     const double way = negative ? -1 : 1;
-    hdt_arm_stiffness k{{way * row.slope_1, way * row.slope_2, way * row.slope_3}, row.t_1, row.t_2, way * row.zero};
+    hdt_arm_stiffness k{{way * row.slope_1, way * row.slope_2, way * row.slope_3}, row.t_1, row.t_2,
+                        way * row.zero};
     if (k.t1_nm > k.t2_nm)
         std::swap(k.t1_nm, k.t2_nm);
     return k;
@@ -91,26 +92,31 @@ GravityTorques printed_gravity(const PrintedMasses &m, const SixAngles &q)
 {
     const auto [s2, c2, s3, c3, s4, c4, s5, c5, s6, c6] = trig(q);
     const double eq9 =
-        m.m2 * g * m.lc2 * c2 + m.m4 * g * (m.l2 * (c2 * s2) + m.lc4 * (s2 * s3 * s4 + c2 * c2 * c3 * s4 + c2 * s2 * c4)) +
+        m.m2 * g * m.lc2 * c2 + m.m4 * g * (m.l2 * (c2 * s2) + m.lc4 * (s2 * s3 * s4 + c2 * c2 * c3 * s4 +
+                c2 * s2 * c4)) +
         m.m6 * g *
             (m.l2 * (c2 * s2) + m.l4 * (s2 * s3 * s4 + c2 * c2 * c3 * s4) +
-             m.lc6 * (s2 * s3 * c4 * c5 * s6 + s2 * c3 * s5 * s6 + s2 * s3 * s4 * c6 + c2 * c2 * c3 * c4 * c5 * s6 -
+             m.lc6 * (s2 * s3 * c4 * c5 * s6 + s2 * c3 * s5 * s6 + s2 * s3 * s4 * c6 +
+                      c2 * c2 * c3 * c4 * c5 * s6 -
                       c2 * c2 * s3 * s5 * s6 + c2 * c2 * c3 * s4 * c6 + c2 * s2 * c4 * c6));
     const double eq10 =
         m.m4 * g * m.lc4 * s2 * c3 * (c4 + s3 * s4) +
         m.m6 * g *
             (m.l4 * s2 * (c3 * c4 + s3 * c3 * s4) +
-             m.lc6 * s2 * (c3 * c4 * c6 - c3 * s4 * c5 * s6 + s3 * c3 * c4 * c5 * s6 - s5 * s6 + c3 * c3 * s5 * s6 +
+             m.lc6 * s2 * (c3 * c4 * c6 - c3 * s4 * c5 * s6 + s3 * c3 * c4 * c5 * s6 - s5 * s6 +
+                           c3 * c3 * s5 * s6 +
                            s3 * c3 * s4 * c6));
     const double eq11 =
         m.m4 * g * m.lc4 * s4 * (s2 * c3 * s4 - c2 * c4) +
         m.m6 * g *
             (m.l4 * (s2 * c3 * c4 * c4 + c2 * c4 * s4) +
-             m.lc6 * (s2 * c3 * c4 * s5 * s6 + c2 * s4 * s5 * s6 - s2 * c3 * s4 * c4 * c5 * s6 + c2 * c4 * c4 * c5 * s6 -
+             m.lc6 * (s2 * c3 * c4 * s5 * s6 + c2 * s4 * s5 * s6 - s2 * c3 * s4 * c4 * c5 * s6 +
+                      c2 * c4 * c4 * c5 * s6 -
                       s2 * c3 * c6 + s2 * c3 * c4 * c4 * c6 + c2 * c4 * s4 * c6));
     const double eq12 = m.m6 * g * m.lc6 * s6 * (s2 * c3 * c4 * s5 + c2 * s4 * s5 + s2 * s3 * c5);
     const double eq13 = m.m6 * g * m.lc6 * s6 *
-                        (s2 * c3 * c4 * c5 * s6 + c2 * s4 * c5 * s6 - s2 * s3 * s5 * s6 + s2 * c3 * s4 * c6 - c2 * c4 * c6);
+                        (s2 * c3 * c4 * c5 * s6 + c2 * s4 * c5 * s6 - s2 * s3 * s5 * s6 +
+                         s2 * c3 * s4 * c6 - c2 * c4 * c6);
     return {eq9, eq10, eq11, eq12, eq13};
 }
 
@@ -120,9 +126,11 @@ GravityTorques right_gravity(const PrintedMasses &m, const SixAngles &q)
     const double a = c2 * c4 - s2 * c3 * s4, b = s2 * c4 + c2 * c3 * s4, d = c2 * s4 + s2 * c3 * c4;
     const double t2 = -g * (m.m2 * m.lc2 * s2 + m.m4 * (m.l2 * s2 + m.lc4 * b) +
                             m.m6 * (m.l2 * s2 + m.l4 * b +
-                                    m.lc6 * (c6 * b + c5 * s6 * (c2 * c3 * c4 - s2 * s4) - c2 * s3 * s5 * s6)));
+                                    m.lc6 * (c6 * b +
+                                             c5 * s6 * (c2 * c3 * c4 - s2 * s4) - c2 * s3 * s5 * s6)));
     const double t3 = g * s2 * (m.m4 * m.lc4 * s3 * s4 +
-                                m.m6 * (m.l4 * s3 * s4 + m.lc6 * (s3 * s4 * c6 + s3 * c4 * c5 * s6 + c3 * s5 * s6)));
+                                m.m6 * (m.l4 * s3 * s4 + m.lc6 * (s3 * s4 * c6 + s3 * c4 * c5 * s6 +
+                                                                  c3 * s5 * s6)));
     const double t4 = -g * (m.m4 * m.lc4 * d + m.m6 * (m.l4 * d + m.lc6 * (c6 * d + c5 * s6 * a)));
     const double t5 = g * m.m6 * m.lc6 * s6 * (s5 * d + s2 * s3 * c5);
     const double t6 = g * m.m6 * m.lc6 * (s2 * s3 * s5 * c6 - s6 * a - c5 * c6 * d);

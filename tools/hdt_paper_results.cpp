@@ -25,14 +25,18 @@ constexpr double sweep_bin_rad = 4e-4;
 constexpr uint32_t bit(int term) { return 1u << term; }
 constexpr uint32_t feedback_terms = bit(HDT_TERM_P) | bit(HDT_TERM_D);
 constexpr uint32_t friction_terms = bit(HDT_TERM_FRICTION) | bit(HDT_TERM_RIPPLE) | bit(HDT_TERM_LINES);
-constexpr uint32_t quasi_static = feedback_terms | friction_terms | bit(HDT_TERM_GRAVITY) | bit(HDT_TERM_STIFFNESS);
+constexpr uint32_t quasi_static =
+    feedback_terms | friction_terms | bit(HDT_TERM_GRAVITY) | bit(HDT_TERM_STIFFNESS);
 
 const std::map<std::string, Part> &menu()
 {
     static const std::map<std::string, Part> parts = {
-        {"table1", PART_FRICTION},   {"table2", PART_FRICTION},   {"fig4", PART_FRICTION},  {"table3", PART_POSITION},
-        {"fig5", PART_POSITION},     {"table5", PART_STIFFNESS},  {"fig7", PART_STIFFNESS}, {"fig8", PART_LEMNISCATE},
-        {"fig9", PART_LEMNISCATE},   {"fig10", PART_JOINT_3},     {"low", PART_LOW},        {"equations", PART_EQUATIONS},
+        {"table1", PART_FRICTION},   {"table2", PART_FRICTION},   {"fig4", PART_FRICTION},  {"table3",
+                PART_POSITION},
+        {"fig5", PART_POSITION},     {"table5", PART_STIFFNESS},  {"fig7", PART_STIFFNESS}, {"fig8",
+                PART_LEMNISCATE},
+        {"fig9", PART_LEMNISCATE},   {"fig10", PART_JOINT_3},     {"low", PART_LOW},        {"equations",
+                PART_EQUATIONS},
         {"table4", PART_EQUATIONS}};
     return parts;
 }
@@ -127,7 +131,8 @@ std::string friction_task(int joint) { return "friction:joint=" + std::to_string
 void measure_friction(const Plan &plan, int joint, int trial, std::vector<SpeedMean> *out)
 {
     const hdt_arm mounted = without_load(plan.rig.arm, joint);
-    const Trace trace = velocity_run(plan.rig, mounted, friction_task(joint), joint, seed_of(plan, 1, joint, trial));
+    const Trace trace = velocity_run(plan.rig, mounted, friction_task(joint), joint, seed_of(plan, 1, joint,
+            trial));
     *out = speed_means(trace, mounted.joint[joint - 1].ratio);
 }
 
@@ -153,13 +158,15 @@ void measure_position(const Plan &plan, int joint, JointPosition *out)
         out->table[k] = along_motion(s, d, *low, *high, table_bin_rad);
         // the beginning is left out: the servo's integral finds the friction there
         const double turns = std::floor((*high - *low - 0.02) / turn), middle = (*low + *high) / 2;
-        out->turns[k] = along_motion(s, d, middle - turns * turn / 2, middle + turns * turn / 2, table_bin_rad);
+        out->turns[k] = along_motion(s, d, middle - turns * turn / 2, middle + turns * turn / 2,
+                                     table_bin_rad);
         // lines below half a cycle a turn of the wave generator are wander, not gear
         out->lines[k] = find_lines(out->turns[k], 2, 0.5 / turn);
         const AngleTable &t = out->turns[k];
         const double mean = t.mean();
         for (std::size_t i = 0; i < t.nm.size(); i++) {
-            const double x = t.nm[i] - mean, left = x - lines_nm(out->lines[k], t.from_rad + t.step_rad * (static_cast<double>(i) + 0.5));
+            const double x = t.nm[i] - mean, left = x - lines_nm(out->lines[k], t.from_rad +
+                                                                 t.step_rad * (static_cast<double>(i) + 0.5));
             out->rms_nm[k] += x * x;
             out->rest_rms_nm[k] += left * left;
         }
@@ -201,7 +208,8 @@ VectorXd sweep_pose(const hdt_arm &arm, int joint)
 
 // Step by step as Fig. 7 (a): total, less friction (the slow table and what eq. (7) grows from that
 // speed to this one), less gravity.
-Subtracted subtract(const hdt_arm &mounted, int joint, int d, const Swept &swept, const JointFriction &friction,
+Subtracted subtract(const hdt_arm &mounted, int joint, int d, const Swept &swept,
+                    const JointFriction &friction,
                     const JointPosition &position)
 {
     const std::size_t k = static_cast<std::size_t>(d);
@@ -224,7 +232,8 @@ Subtracted subtract(const hdt_arm &mounted, int joint, int d, const Swept &swept
     return s;
 }
 
-void append(std::vector<double> &all, const std::vector<double> &more) { all.insert(all.end(), more.begin(), more.end()); }
+void append(std::vector<double> &all, const std::vector<double> &more) { all.insert(all.end(), more.begin(),
+        more.end()); }
 
 void fit_stiffness(const Plan &plan, int joint, const Raw &raw, const Results &r, JointStiffness *out)
 {
@@ -234,7 +243,8 @@ void fit_stiffness(const Plan &plan, int joint, const Raw &raw, const Results &r
         std::vector<double> q, load, rest, smooth;
         for (std::size_t p = 0; p < payloads_kg.size(); p++) {
             const hdt_arm mounted = mounted_for_sweep(plan.rig.arm, joint, payloads_kg[p]);
-            const Subtracted s = subtract(mounted, joint, d, raw.sweep[j][p][k], r.friction[j], r.position[j]);
+            const Subtracted s = subtract(mounted, joint, d, raw.sweep[j][p][k], r.friction[j],
+                                          r.position[j]);
             append(q, s.q_rad);
             append(load, s.load_nm);
             append(rest, s.rest_nm);
@@ -249,9 +259,10 @@ void fit_stiffness(const Plan &plan, int joint, const Raw &raw, const Results &r
     }
     // half the sum of both ways at the same angle is gravity, as far as friction is the same
     const Subtracted &up = out->sweeps[0][0], &down = out->sweeps[1][0];
-    const auto near = [](const Subtracted &s, std::vector<double> Subtracted::*what) {
+    const double turn = 2 * pi / plan.rig.arm.joint[j].ratio;
+    const auto near = [turn](const Subtracted &s, std::vector<double> Subtracted::*what) {
         double sum = 0, count = 0;
-        const double turn = 2 * pi / 50, from = -pi / 2 + 0.03;
+        const double from = -pi / 2 + 0.03;
         for (std::size_t i = 0; i < s.q_rad.size(); i++)
             if (s.q_rad[i] >= from && s.q_rad[i] < from + turn) {
                 sum += (s.*what)[i];
@@ -287,7 +298,8 @@ hdt_arm as_measured(const hdt_arm &arm, const Results &r)
         out.joint[j].ripples = 0;
         out.joint[j].lines = 0;
         for (const AngleLine &line : r.position[j].lines[0])
-            out.joint[j].line[out.joint[j].lines++] = {2 * pi * line.cycles_per_rad, line.amplitude_nm, line.phase_rad, 1};
+            out.joint[j].line[out.joint[j].lines++] = {2 * pi * line.cycles_per_rad, line.amplitude_nm,
+                                                       line.phase_rad, 1};
     }
     return out;
 }
@@ -327,10 +339,13 @@ std::vector<Loop> lemniscate_loops(const Plan &plan, const Results &r)
     add("measured", "everything as measured, the paper's terms", r.measured, paper_terms(), 1, 1);
     add("measured lines", "the file's terms, Table V as measured", r.file_with_lines, all_joints(all), 1, 1);
     add("as shipped", "the file's terms, Table V as printed", plan.rig.arm, all_joints(all), 1, 1);
-    add("no wind-up term", "the file's terms without Table V", plan.rig.arm, all_joints(all & ~bit(HDT_TERM_STIFFNESS)), 1, 1);
+    add("no wind-up term", "the file's terms without Table V", plan.rig.arm,
+        all_joints(all & ~bit(HDT_TERM_STIFFNESS)), 1, 1);
     add("feedback alone", "no feed-forward", plan.rig.arm, all_joints(feedback_terms), 1, 1);
-    add("10 x gains", "no feed-forward, ten times both gains", plan.rig.arm, all_joints(feedback_terms), 10, 10);
-    add("10 x P, 3 x D", "no feed-forward, ten times P and three times D", plan.rig.arm, all_joints(feedback_terms), 10, 3);
+    add("10 x gains", "no feed-forward, ten times both gains", plan.rig.arm, all_joints(feedback_terms), 10,
+        10);
+    add("10 x P, 3 x D", "no feed-forward, ten times P and three times D", plan.rig.arm,
+        all_joints(feedback_terms), 10, 3);
     return loops;
 }
 
@@ -346,7 +361,8 @@ Loop joint_3_loop(const Results &r)
     return loop;
 }
 
-void repeat(const Plan &plan, const Reference &reference, int trial, int part, Loop *loop, LoopFigures *figures,
+void repeat(const Plan &plan, const Reference &reference, int trial, int part, Loop *loop,
+            LoopFigures *figures,
             std::string *fault)
 {
     LoopRun run = torque_run(plan.rig, loop->setup, reference, seed_of(plan, part, 0, trial));
@@ -358,33 +374,35 @@ void repeat(const Plan &plan, const Reference &reference, int trial, int part, L
 
 // ---- the low region ----
 
-double rms_of(double squares, double count) { return count > 0 ? std::sqrt(squares / count) : 0; }
-
 void judge_low(const Reference &reference, const hdt_arm_stiffness (&lines)[2], LowRegion *low)
 {
     const LoopRun &run = low->run;
-    double e[2] = {}, fb[2] = {}, count[2] = {}, total = 0;
+    double count[ZONES] = {}, feedback = 0, total = 0;
     for (Index k = 0; k < run.ref_rad.rows(); k++) {
         const double v = reference.v_radps(k, 1);
         if (std::fabs(v) < 1e-4)
             continue;
         const hdt_arm_stiffness &s = lines[v < 0 ? 1 : 0];
-        const double load = run.gravity_nm(k, 1), error = std::fabs(run.link_rad(k, 1) - run.ref_rad(k, 1));
-        const std::size_t in = load >= s.t1_nm && load <= s.t2_nm ? 0 : 1;
-        e[in] += error;
-        fb[in] += run.feedback_nm(k, 1) * run.feedback_nm(k, 1);
-        total += run.total_nm(k, 1) * run.total_nm(k, 1);
-        count[in]++;
+        const double load = run.gravity_nm(k, 1), fb = run.feedback_nm(k, 1),
+                     error = std::fabs(run.link_rad(k, 1) - run.ref_rad(k, 1));
+        const bool above = load > s.t2_nm, inside = load >= s.t1_nm && !above;
+        const std::size_t zone = inside ? ZONE_STEP : above == (v > 0) ? ZONE_AGAINST : ZONE_WITH;
+        count[zone]++;
+        low->error_rad[zone] += error;
+        low->feedback_nm[zone] += fb * fb;
         low->error_max_rad = std::max(low->error_max_rad, error);
+        feedback += fb * fb;
+        total += run.total_nm(k, 1) * run.total_nm(k, 1);
     }
-    low->error_in_rad = count[0] > 0 ? e[0] / count[0] : 0;
-    low->error_out_rad = count[1] > 0 ? e[1] / count[1] : 0;
-    low->feedback_in_nm = rms_of(fb[0], count[0]);
-    low->feedback_out_nm = rms_of(fb[1], count[1]);
-    low->feedback_share = total > 0 ? std::sqrt((fb[0] + fb[1]) / total) : 0;
+    for (std::size_t zone = 0; zone < ZONES; zone++) {
+        low->error_rad[zone] /= std::max(1.0, count[zone]);
+        low->feedback_nm[zone] = std::sqrt(low->feedback_nm[zone] / std::max(1.0, count[zone]));
+    }
+    low->feedback_share = total > 0 ? std::sqrt(feedback / total) : 0;
 }
 
-LowRegion sweep_through_low(const Plan &plan, const Results &r, const std::string &name, const hdt_arm &host, uint32_t terms)
+LowRegion sweep_through_low(const Plan &plan, const Results &r, const std::string &name, const hdt_arm &host,
+                            uint32_t terms)
 {
     LowRegion low;
     low.name = name;
@@ -392,7 +410,8 @@ LowRegion sweep_through_low(const Plan &plan, const Results &r, const std::strin
     setup.name = name;
     setup.host = host;
     setup.terms = all_joints(terms);
-    const Reference reference = make_task(plan.rig.arm, "sweep:joint=2,speed=0.1", plan.rig.arm.control_rate_hz);
+    const Reference reference = make_task(plan.rig.arm, "sweep:joint=2,speed=0.1",
+                                          plan.rig.arm.control_rate_hz);
     low.run = torque_run(plan.rig, setup, reference, seed_of(plan, 6, 2, 0));
     low.fault = low.run.fault;
     const hdt_arm_stiffness lines[2] = {r.stiffness[1].fit[0].lines, r.stiffness[1].fit[1].lines};
@@ -409,7 +428,9 @@ Jobs raw_jobs(const Plan &plan, Raw *raw, Results *r)
     const bool all = plan.want(PART_FRICTION) || plan.want(PART_POSITION) || plan.want(PART_LEMNISCATE);
     const int joints = !plan.needs_friction() ? 0 : all ? printed_joints : sweep_joints;
     for (int joint = 1; joint <= joints; joint++)
-        jobs.push_back([&plan, r, joint] { measure_position(plan, joint, &r->position[static_cast<std::size_t>(joint - 1)]); });
+        jobs.push_back([&plan, r, joint] {
+            measure_position(plan, joint, &r->position[static_cast<std::size_t>(joint - 1)]);
+        });
     for (int joint = 1; joint <= joints; joint++) {
         auto &trials = raw->friction[static_cast<std::size_t>(joint - 1)];
         trials.resize(static_cast<std::size_t>(plan.trials));
@@ -445,7 +466,8 @@ Jobs fit_jobs(const Plan &plan, const Raw &raw, Results *r)
 // A loop's repetitions have places of their own, so that threads share nothing.
 struct Repeats { std::vector<LoopFigures> figures; std::vector<std::string> faults; };
 
-void add_repeats(const Plan &plan, const Reference &reference, int part, Loop *loop, Repeats *repeats, Jobs *jobs)
+void add_repeats(const Plan &plan, const Reference &reference, int part, Loop *loop, Repeats *repeats,
+                 Jobs *jobs)
 {
     repeats->figures.resize(static_cast<std::size_t>(plan.trials));
     repeats->faults.resize(repeats->figures.size());
@@ -483,8 +505,10 @@ void close_loops(const Plan &plan, Results *r, const std::function<void(double)>
     if (plan.want(PART_LOW)) {
         r->low.resize(3);
         const uint32_t without = quasi_static & ~bit(HDT_TERM_STIFFNESS);
-        jobs.push_back([&plan, r, without] { r->low[0] = sweep_through_low(plan, *r, "without the lines", r->measured, without); });
-        jobs.push_back([&plan, r] { r->low[1] = sweep_through_low(plan, *r, "with the measured lines", r->measured, quasi_static); });
+        jobs.push_back([&plan, r, without] { r->low[0] = sweep_through_low(plan, *r, "without the lines",
+                r->measured, without); });
+        jobs.push_back([&plan, r] { r->low[1] = sweep_through_low(plan, *r, "with the measured lines",
+                                                                  r->measured, quasi_static); });
         jobs.push_back([&plan, r] {
             hdt_arm printed = r->measured;
             for (int d = 0; d < 2; d++)
@@ -515,5 +539,16 @@ Results carry_out(const Plan &plan, const std::function<void(double)> &done)
         r.equations = check_equations(table_4, 2000, 1);
     return r;
 }
+
+double curve_gap_nm(const hdt_arm_friction &a, const hdt_arm_friction &b)
+{
+    double worst = 0;
+    for (double v = 0.02; v <= 0.4001; v += 0.005)
+        worst = std::max(worst, std::fabs(stribeck_nm(a, v) - stribeck_nm(b, v)));
+    return worst;
+}
+
+double mean_variance(const std::array<FrictionModelFit, 2> &fit) { return (fit[0].variance +
+        fit[1].variance) / 2; }
 
 } // namespace hdt::paper

@@ -24,7 +24,8 @@ constexpr double slow_radps = 0.01;      // "coulomb friction": torque at this s
 constexpr double sweep_radps = 0.05;     // the paper names no speed for its sweeps
 
 // Parts of the paper, as --only names them.
-enum Part { PART_FRICTION, PART_POSITION, PART_STIFFNESS, PART_LEMNISCATE, PART_JOINT_3, PART_LOW, PART_EQUATIONS };
+enum Part { PART_FRICTION, PART_POSITION, PART_STIFFNESS, PART_LEMNISCATE, PART_JOINT_3, PART_LOW,
+           PART_EQUATIONS };
 // "table1,fig8" to parts; empty: all.  Throws InputError with the menu.
 std::set<Part> parse_parts(const std::string &text);
 
@@ -77,11 +78,16 @@ struct Loop {
     double most(double LoopFigures::*member) const;
 };
 
-// Feedback and error of a sweep of joint 2, in and out of the low region.
+// Where the load stands against the motion: holding it back, in the region of the step as measured,
+// or beyond it, driving the joint.
+enum Zone { ZONE_AGAINST, ZONE_STEP, ZONE_WITH, ZONES };
+
+// Feedback and error of a sweep of joint 2 by zone.
 struct LowRegion {
     std::string name, fault;
-    double error_in_rad = 0, error_out_rad = 0, error_max_rad = 0;     // mean, mean, largest; link side
-    double feedback_in_nm = 0, feedback_out_nm = 0, feedback_share = 0; // rms, rms; over total
+    std::array<double, ZONES> error_rad{};     // mean, link side
+    std::array<double, ZONES> feedback_nm{};   // rms
+    double error_max_rad = 0, feedback_share = 0;
     LoopRun run;
 };
 
@@ -102,5 +108,10 @@ Results carry_out(const Plan &plan, const std::function<void(double)> &done);
 
 // Points of one joint from the means of its trials: mean and scatter over trials at each speed.
 std::array<std::vector<SpeedPoint>, 2> points_of(const std::vector<std::vector<SpeedMean>> &trials);
+
+// For comparisons: largest difference of two curves over the speeds the paper used, and eq. (6) as the
+// mean of both directions.
+double curve_gap_nm(const hdt_arm_friction &a, const hdt_arm_friction &b);
+double mean_variance(const std::array<FrictionModelFit, 2> &fit);
 
 } // namespace hdt::paper

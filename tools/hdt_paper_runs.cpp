@@ -66,14 +66,17 @@ void require_pa10(const hdt_arm &arm)
 {
     if (arm.joints != 7)
         throw InputError(std::string(arm.path) + ": expected an arm with the PA-10's seven joints, found " +
-                         std::to_string(arm.joints) + " joints; the experiments are laid out for model/arms/pa10.toml");
+                         std::to_string(arm.joints) + " joints; the experiments are laid out for "
+                                                      "model/arms/pa10.toml");
     for (int j = 0; j < arm.joints; j++)
         if (!arm.joint[j].has_inertial || !arm.joint[j].has_gear || !arm.joint[j].has_friction)
             throw InputError(std::string(arm.path) + ": joint." + std::to_string(j + 1) +
-                             ": expected masses, gear and friction, found some missing; use an arm the rig can simulate");
+                             ": expected masses, gear and friction, found some missing; use an arm the rig "
+                             "can simulate");
 }
 
-void in_parallel(std::vector<std::function<void()>> jobs, unsigned workers, const std::function<void(double)> &done)
+void in_parallel(std::vector<std::function<void()>> jobs, unsigned workers,
+                 const std::function<void(double)> &done)
 {
     std::mutex lock;
     std::size_t next = 0, through = 0;
@@ -290,7 +293,8 @@ void keep_row(const drv_host &host, const struct servo &driver, const Reference 
         run->feedback_nm(row, c) = term_nm(host, HDT_TERM_P, j) + term_nm(host, HDT_TERM_D, j);
         run->total_nm(row, c) = host.out.total[j].raw / 65536.0;
         // what is neither: velocity friction, ripple and lines
-        run->friction_nm(row, c) = run->total_nm(row, c) - run->gravity_nm(row, c) - run->stiffness_nm(row, c) -
+        run->friction_nm(row, c) = run->total_nm(row, c) - run->gravity_nm(row, c) - run->stiffness_nm(row,
+                c) -
                                    run->inertia_nm(row, c) - run->feedback_nm(row, c);
     }
 }
@@ -346,7 +350,8 @@ Eigen::RowVector3d flange_at(const hdt_arm &arm, const MatrixXd &q, Index row)
     return rbd::flange(arm, q.row(row).transpose()).pos.transpose();
 }
 
-double rms(const VectorXd &x) { return std::sqrt(x.squaredNorm() / static_cast<double>(std::max<Index>(1, x.size()))); }
+double rms(const VectorXd &x) { return std::sqrt(x.squaredNorm() / static_cast<double>(std::max<Index>(1,
+        x.size()))); }
 
 } // namespace
 
@@ -379,7 +384,8 @@ LoopFigures figures_of(const hdt_arm &arm, const LoopRun &run)
     for (Index j = 0; j < joints; j++) {
         const VectorXd e = (run.link_rad.col(j) - run.ref_rad.col(j)).cwiseAbs();
         const bool driven = (run.active >> j & 1u) != 0 && rows > 0;
-        const double fb = driven ? rms(run.feedback_nm.col(j)) : 0, all = driven ? rms(run.total_nm.col(j)) : 0;
+        const double fb = driven ? rms(run.feedback_nm.col(j)) : 0, all = driven
+            ? rms(run.total_nm.col(j)) : 0;
         f.joint_mean_rad.push_back(driven ? e.mean() : 0);
         f.joint_max_rad.push_back(driven ? e.maxCoeff() : 0);
         f.joint_feedback_share.push_back(all > 0 ? fb / all : 0);

@@ -36,7 +36,8 @@ void require_pa10(const hdt_arm &arm);
 
 // Do all jobs, at most `workers` at once; the first exception is thrown again when all have ended.
 // `done` is called (from any thread, one at a time) with the share of jobs that are through.
-void in_parallel(std::vector<std::function<void()>> jobs, unsigned workers, const std::function<void(double)> &done);
+void in_parallel(std::vector<std::function<void()>> jobs, unsigned workers,
+                 const std::function<void(double)> &done);
 
 // ---- mounting ----
 
@@ -93,14 +94,14 @@ Reference lemniscate_at_speed(const hdt_arm &arm);
 
 // What the closed loop is worth.
 struct LoopFigures {
-    double error_mean_mm = 0, error_max_mm = 0;       // true flange, after the first second
+    double error_mean_mm = 0, error_max_mm = 0;  // true flange, after the first second
     double first_second_max_mm = 0;
-    double seen_mean_mm = 0, seen_max_mm = 0;         // as the host's resolvers say it, after the first second
-    double fall_mm = 0;                               // most the flange was below its reference
-    double feedback_share = 0;                        // rms of feedback over rms of total torque, all driven joints
+    double seen_mean_mm = 0, seen_max_mm = 0;    // as the host's resolvers say it, after the first second
+    double fall_mm = 0;                          // most the flange was below its reference
+    double feedback_share = 0;                   // rms of feedback over rms of total torque, driven joints
     std::vector<double> joint_mean_rad, joint_max_rad, joint_feedback_share; // per joint, link side
-    std::vector<double> error_mm;                     // per row
-    Eigen::MatrixXd path_m, reference_m;              // rows x 3
+    std::vector<double> error_mm;                // per row
+    Eigen::MatrixXd path_m, reference_m;         // rows x 3
 };
 LoopFigures figures_of(const hdt_arm &arm, const LoopRun &run);
 
