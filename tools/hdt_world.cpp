@@ -6,7 +6,8 @@
 
 namespace hdt::rig {
 
-World::World(const hdt_tables &tables, const plant_model &plant, const FixedReference &reference, double rate_hz,
+World::World(const hdt_tables &tables, const plant_model &plant, const FixedReference &reference,
+             double rate_hz,
              const std::vector<double> &start_rad, const WorldSetup &setup)
     : rate_hz_(rate_hz), slots_(setup.records), driver_(std::make_unique<struct servo>()),
       host_(std::make_unique<drv_host>())
@@ -20,7 +21,8 @@ World::World(const hdt_tables &tables, const plant_model &plant, const FixedRefe
     drv_host_cfg cfg = {};
     cfg.mode = setup.mode;
     cfg.settle_s = setup.settle_s;
-    if (drv_host_init(host_.get(), &tables, &host_bus_, setup.records > 0 ? &ring_ : nullptr, &view, &cfg) != HDT_OK)
+    if (drv_host_init(host_.get(), &tables, &host_bus_, setup.records > 0 ? &ring_ : nullptr, &view,
+                      &cfg) != HDT_OK)
         throw InputError(std::string(tables.name) + ": the core does not accept its tables");
 }
 
