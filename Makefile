@@ -7,6 +7,7 @@ DESTDIR ?=
 CC      ?= cc
 CXX     ?= c++
 OPT     ?= -O2
+ARM     ?= model/arms/pa10.toml
 HDT_DATA ?= ../shared/data
 export BUILD HDT_DATA
 
@@ -39,7 +40,7 @@ SLOW   := $(addprefix $(BUILD)/tests/check_,cli dataset diagnose evidence ident 
 LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
 
-.PHONY: all demo paper check check-asan run-asan check-mujoco bench bench-sim install clean help guards
+.PHONY: all demo paper check check-asan run-asan check-mujoco fmu check-fmu bench bench-sim install clean help guards
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -73,6 +74,15 @@ python = { test -x $(BUILD)/venv/bin/python || python3 -m venv $(BUILD)/venv; } 
 ## check-mujoco: MuJoCo (by pip, in build/) finds the torques of exported arms that ours finds
 check-mujoco: $(BUILD)/hdt $(BUILD)/tests/rbd_torques
 	@$(call python,mujoco); $(BUILD)/venv/bin/python tests/mujoco_torques.py $(BUILD)
+
+## fmu: ARM=model/arms/pa10.toml with its servo driver as an FMI 3.0 co-simulation unit, in build/
+fmu: $(BUILD)/fmu_gen
+	@CC="$(CC)" OPT="$(OPT)" tools/make-fmu $(BUILD) $(ARM)
+
+## check-fmu: FMPy (by pip, in build/) validates the PA-10's unit and runs it beside the servo driver itself
+check-fmu: $(BUILD)/fmu_gen $(BUILD)/tests/fmu_direct
+	@CC="$(CC)" OPT="$(OPT)" tools/make-fmu $(BUILD) model/arms/pa10.toml
+	@$(call python,fmpy); $(BUILD)/venv/bin/python tests/fmu_run.py $(BUILD)
 
 guards: $(CTRL)
 	@tools/check-layers
@@ -157,6 +167,11 @@ $(BUILD)/hdt: $(TOOLS) $(LIBS)
 	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(TOOLS) $(LIBS) $(LINK)
 $(BUILD)/obj/tests/check_log.c.o $(BUILD)/obj/tests/lcm_dump.c.o: $(BUILD)/gen/hdt_cycle_t.h
 $(BUILD)/tests/check_log: $(LCMGEN)
+$(BUILD)/gen/fmu_arm.c: $(BUILD)/fmu_gen model/arms/pa10.toml
+	@mkdir -p $(BUILD)/gen && $< model/arms/pa10.toml hdt_pa10 $(BUILD)/gen
+$(BUILD)/tests/check_fmu $(BUILD)/tests/fmu_direct: $(BUILD)/obj/gen/fmu_arm.o
+$(BUILD)/fmu_gen: $(call obj,tools/fmu_gen.cpp) $(filter %/hdt_rig.cpp.o %/hdt_effects.cpp.o,$(TOOLS)) $(LIBS)
+	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $^ $(LINK)
 # the experiments of `hdt paper` are tools, all but the command itself
 $(BUILD)/tests/check_paper: $(BUILD)/obj/tests/check_paper.cpp.o $(filter-out %/hdt_paper.cpp.o,$(filter \
     %/hdt_rig.cpp.o %/hdt_effects.cpp.o %/hdt_world.cpp.o $(BUILD)/obj/tools/hdt_paper%,$(TOOLS))) $(LIBS)
