@@ -148,6 +148,8 @@ static void joint_terms(const struct hdt_joint_tab *tab, const struct hdt_motion
                         int32_t inertia, uint32_t j, struct hdt_out *out)
 {
     const uint32_t has = tab->terms;
+    const int32_t spring = has & USE(HDT_TERM_SPRING) ? hdt_comp_spring(tab, m) : 0;
+    const int32_t load = hdt_sat((int64_t)gravity + spring); /* what the gear has to carry */
     int64_t total = 0;
 
 #define TERM(t, value) \
@@ -157,12 +159,12 @@ static void joint_terms(const struct hdt_joint_tab *tab, const struct hdt_motion
     TERM(HDT_TERM_INERTIA, hdt_sat((int64_t)inertia + hdt_mul(tab->rotor_q20, m->a_ref_q16, 20)));
     TERM(HDT_TERM_FRICTION, hdt_comp_friction(tab, m));
     TERM(HDT_TERM_RIPPLE, hdt_comp_ripple(tab, m));
-    TERM(HDT_TERM_STIFFNESS, hdt_comp_stiffness(tab, m, gravity));
+    TERM(HDT_TERM_STIFFNESS, hdt_comp_stiffness(tab, m, load));
     TERM(HDT_TERM_LINES, hdt_comp_lines(tab, m));
-    TERM(HDT_TERM_LOAD, hdt_comp_load(tab, m, gravity));
+    TERM(HDT_TERM_LOAD, hdt_comp_load(tab, m, load));
     TERM(HDT_TERM_TEMPERATURE, hdt_comp_temperature(tab, m));
     TERM(HDT_TERM_PRESLIDING, hdt_comp_presliding(tab, m));
-    TERM(HDT_TERM_SPRING, hdt_comp_spring(tab, m));
+    TERM(HDT_TERM_SPRING, spring);
     TERM(HDT_TERM_OFFSET, tab->offset_q16);
     TERM(HDT_TERM_P, hdt_comp_p(tab, m));
     TERM(HDT_TERM_D, hdt_comp_d(tab, m));

@@ -14,6 +14,8 @@
 #include <cstdio>
 #include <thread>
 
+#include "model/rbd.hpp"
+
 namespace hdt {
 
 using Eigen::Index;
@@ -272,20 +274,25 @@ void differentiate(const std::vector<Segment> &segs, double dt, Conditioned *c)
     }
 }
 
-// Direction 0 under v_min; travel counts from the last change of direction, standstill included.
+// Direction 0 under v_min.  Travel counts from the turning point, the farthest angle reached in the
+// direction before: counting from the first row that moves fast enough would lose what came before.
 void direction(Index j, Conditioned *c)
 {
-    double last = 0, travel = 0;
+    double last = 0, turn = c->q(0, j), reach = turn, built_up = 0.5; // from rest, friction builds up by half
     for (Index i = 0; i < c->t_s.size(); i++) {
-        double v = c->v(i, j), d = v >= c->v_min[j] ? 1 : v <= -c->v_min[j] ? -1 : 0;
-        if (i > 0)
-            travel += std::fabs(c->q(i, j) - c->q(i - 1, j));
+        double v = c->v(i, j), q = c->q(i, j), d = v >= c->v_min[j] ? 1 : v <= -c->v_min[j] ? -1 : 0;
         if (d != 0 && d != last) {
-            travel = 0;
+            if (last != 0) {
+                turn = reach;
+                built_up = 1;
+            }
+            reach = q;
             last = d;
         }
+        reach = last > 0 ? std::max(reach, q) : last < 0 ? std::min(reach, q) : reach;
         c->dir(i, j) = d;
-        c->travel(i, j) = travel;
+        c->travel(i, j) = std::fabs(q - turn);
+        c->built_up(i, j) = built_up;
     }
 }
 
@@ -354,12 +361,30 @@ Mask standstill_mask(const Conditioned &c, Index j, const ConditionOptions &opti
     return m;
 }
 
-void mask_joint(const hdt_arm_joint &aj, const std::vector<Segment> &segs, Index j, const ConditionOptions &options,
+// Loads at which the declared soft wind-up falls, and a margin: there a small error of the load is a
+// large one of the torque.
+Mask soft_mask(const hdt_arm &arm, Index j, double margin_nm, const Conditioned &c)
+{
+    Mask m(static_cast<std::size_t>(c.t_s.size()), 0);
+    const hdt_arm_joint &aj = arm.joint[j];
+    if (!aj.has_stiffness || margin_nm <= 0)
+        return m;
+    const hdt_arm mine = arm_for_run(arm, c);
+    for (Index i = 0; i < c.t_s.size(); i++) {
+        const hdt_arm_stiffness &k = aj.stiffness[c.dir(i, j) < 0 ? 1 : 0];
+        const double load = rbd::gravity(mine, c.q.row(i))[j] + spring_nm(aj, c.q(i, j));
+        m[static_cast<std::size_t>(i)] = load > k.t1_nm - margin_nm && load < k.t2_nm + margin_nm;
+    }
+    return m;
+}
+
+void mask_joint(const hdt_arm &arm, const std::vector<Segment> &segs, Index j, const ConditionOptions &options,
                 Conditioned *c)
 {
+    const hdt_arm_joint &aj = arm.joint[j];
     Mask gap = gap_mask(c->t_s, segs, c->smooth_s[j]);
     Mask spike = spike_mask(c->tau.col(j), c->rate_hz);
-    Mask still = standstill_mask(*c, j, options);
+    Mask still = standstill_mask(*c, j, options), soft = soft_mask(arm, j, options.soft_margin_nm, *c);
     double limit = saturation_share * aj.tau_max_m_nm * aj.ratio;
     MaskCount &count = c->masked[static_cast<std::size_t>(j)];
     for (Index i = 0; i < c->t_s.size(); i++) {
@@ -373,6 +398,8 @@ void mask_joint(const hdt_arm_joint &aj, const std::vector<Segment> &segs, Index
             count.saturated++;
         else if (still[k])
             count.standstill++;
+        else if (soft[k])
+            count.soft++;
         else
             c->valid(i, j) = true;
     }
@@ -396,7 +423,7 @@ void fill(const Run &run, const hdt_arm &arm, Conditioned *c)
     Index n = static_cast<Index>(run.rows()), joints = arm.joints;
     c->name = run.path;
     c->t_s = Eigen::Map<const VectorXd>(run.t_s.data(), n).array() - run.t_s[0];
-    c->q = c->v = c->a = c->dir = c->travel = c->tau = MatrixXd::Zero(n, joints);
+    c->q = c->v = c->a = c->dir = c->travel = c->built_up = c->tau = MatrixXd::Zero(n, joints);
     c->valid.setConstant(n, joints, false);
     c->masked.assign(static_cast<std::size_t>(joints), {});
     c->present.assign(static_cast<std::size_t>(joints), 0);
@@ -445,7 +472,7 @@ Conditioned condition(const Run &run, const hdt_arm &arm, const ConditionOptions
         prefer_reference(run.joint[static_cast<std::size_t>(j)], segs, j, &c);
         c.v_min[j] = options.v_min_radps > 0 ? options.v_min_radps : std::max(v_min_floor_radps, 3 * c.v_noise[j]);
         direction(j, &c);
-        mask_joint(arm.joint[j], segs, j, options, &c);
+        mask_joint(arm, segs, j, options, &c);
     }
     cut_blocks(options.block_s, &c);
     return c;

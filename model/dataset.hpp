@@ -25,18 +25,20 @@ struct ConditionOptions {
     double v_min_radps = 0;         // slower rows are masked for friction's sake; 0: chosen from the resolver step
     double reversal_guard_s = 0;    // rows this close to a change of direction are masked too
     double reversal_travel_rad = 0; // and rows with less travel than this behind them since
+    double soft_margin_nm = 0;      // rows this close to the fall of the declared soft wind-up are masked; 0: none
 };
 
 // Why rows were masked; a row is counted once, under the first reason that holds in the order
-// gap, spike, saturated, standstill.
-struct MaskCount { std::size_t standstill = 0, spike = 0, saturated = 0, gap = 0; };
+// gap, spike, saturated, standstill, soft.
+struct MaskCount { std::size_t standstill = 0, spike = 0, saturated = 0, gap = 0, soft = 0; };
 
 // Full-rate signals of one run, columns are joints (absent joints are zero and wholly masked).
 struct Conditioned {
     std::string name;
     double rate_hz = 0;
     Eigen::VectorXd t_s;            // since the start of the run
-    Eigen::MatrixXd q, v, a, dir, travel, tau; // q and tau as logged; dir is 0 at standstill
+    Eigen::MatrixXd q, v, a, dir, tau; // q and tau as logged; dir is 0 at standstill
+    Eigen::MatrixXd travel, built_up; // since the turning point; 0.5 until the first, then 1
     Eigen::MatrixXd temp;           // rows x joints, or empty
     double payload_kg = 0;          // declared for this run (run constant, else the arm's)
     Eigen::Vector3d payload_com_m = Eigen::Vector3d::Zero();

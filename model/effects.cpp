@@ -81,31 +81,6 @@ ChainColumns chain_columns(const hdt_arm &arm, const Conditioned &c)
     return out;
 }
 
-// Travel since the turning point: from the farthest angle reached in the direction before.  Counting
-// from the first row that moves fast enough would lose the travel up to there.
-struct Travel { VectorXd since_turn, built_up; };
-
-Travel travel_since_turn(const Conditioned &c, int j)
-{
-    Travel out{VectorXd(c.t_s.size()), VectorXd(c.t_s.size())};
-    double last = 0, turn = c.q(0, j), reach = turn, share = 0.5; // from rest, friction builds up by half
-    for (Index i = 0; i < c.t_s.size(); ++i) {
-        const double q = c.q(i, j), dir = c.dir(i, j);
-        if (dir != 0 && dir != last) {
-            if (last != 0) {
-                turn = reach;
-                share = 1;
-            }
-            reach = q;
-            last = dir;
-        }
-        reach = last > 0 ? std::max(reach, q) : last < 0 ? std::min(reach, q) : reach;
-        out.since_turn[i] = std::abs(q - turn);
-        out.built_up[i] = share;
-    }
-    return out;
-}
-
 MatrixXd best_acceleration(const Conditioned &c, const Run &run)
 {
     MatrixXd a = c.a;
@@ -275,7 +250,7 @@ void add_motion_families(std::vector<Family> *out, int joint)
         },
         // cold friction is larger, never smaller, at a middling speed
         true, [](const VectorXd &th) { return th[0] + 0.2 * th[1] > 0; });
-    add(out, "presliding", {"travel", "direction"}, points({0.001, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064}),
+    add(out, "presliding", {"travel", "direction"}, points({0.00025, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064}),
         [](const BlockRows &b, Point p) -> MatrixXd {
             return -b.dir.cwiseProduct(b.built_up).cwiseProduct((-b.travel / p.x).array().exp().matrix());
         },
@@ -367,11 +342,10 @@ std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c, cons
         b.block_s = c.block_begin.size() > 2 ? c.t_s[c.block_begin[1]] - c.t_s[c.block_begin[0]] : 0.01;
         const double gain = arm.joint[j].torque_gain;
         const VectorXd total = terms[k].rowwise().sum();
-        const Travel travel = travel_since_turn(c, j);
         MatrixXd full(c.t_s.size(), 11);
         full << c.t_s, gain * c.tau.col(j) - total, c.q.col(j), c.v.col(j), accel.col(j), c.dir.col(j),
-            travel.since_turn, terms[k].col(HDT_TERM_GRAVITY), total,
-            c.a.col(j) - accel.col(j), travel.built_up;
+            c.travel.col(j), terms[k].col(HDT_TERM_GRAVITY), total,
+            c.a.col(j) - accel.col(j), c.built_up.col(j);
         const MatrixXd mean = c.block_means(j, full);
         b.t_s = mean.col(0);
         b.y_nm = mean.col(1);

@@ -15,6 +15,7 @@
 #include <limits>
 
 #include "model/ident_model.hpp"
+#include "model/ident_presliding.hpp"
 
 namespace hdt {
 
@@ -572,6 +573,11 @@ IdentResult identify(const ArmFile &file, const std::vector<Run> &fit_runs, cons
         scale_notes(f.problem, out.joints, &out.notes);
     if (fit_runs.size() < 4)
         out.notes.push_back("fewer than four runs: sigma does not hold scatter from run to run");
+    out.model.refresh();
+    for (JointFit &j : out.joints) {
+        std::vector<FitParameter> built_up = fit_presliding(fit_runs, j.joint, options.block_s, &out.model);
+        j.parameters.insert(j.parameters.end(), built_up.begin(), built_up.end());
+    }
     out.model.refresh();
 
     std::vector<JointRows> after = make_rows(out.model.arm(), fit_data, false);

@@ -43,6 +43,11 @@ double stiffness_nm(const hdt_arm_stiffness &k, double load_nm)
     return stiffness_lines(k).intercept_nm[line] + k.slope[line] * load_nm;
 }
 
+double spring_nm(const hdt_arm_joint &joint, double q_rad)
+{
+    return joint.spring_nmprad * (q_rad - joint.spring_q0_rad);
+}
+
 double reflected_inertia_kgm2(const hdt_arm_joint &joint)
 {
     return joint.ratio * joint.ratio * (joint.rotor_kgm2_m + joint.wave_generator_kgm2_m)
@@ -79,7 +84,7 @@ void joint_terms(const hdt_arm_joint &joint, const Sample &s, int j, double load
     if (joint.presliding_rad > 0)
         term[HDT_TERM_PRESLIDING] =
             -dir * joint.presliding_nm * std::exp(-s.travel[j] / joint.presliding_rad);
-    term[HDT_TERM_SPRING] = joint.spring_nmprad * (q - joint.spring_q0_rad);
+    term[HDT_TERM_SPRING] = spring_nm(joint, q);
     term[HDT_TERM_OFFSET] = joint.torque_offset_nm;
 }
 
@@ -95,7 +100,7 @@ std::vector<TermTorque> arm_terms(const hdt_arm &arm, const Sample &s)
         term.fill(0);
         term[HDT_TERM_GRAVITY] = gravity[j];
         term[HDT_TERM_INERTIA] = moving[j] + reflected_inertia_kgm2(arm.joint[j]) * s.a[j];
-        joint_terms(arm.joint[j], s, j, gravity[j], &term);
+        joint_terms(arm.joint[j], s, j, gravity[j] + spring_nm(arm.joint[j], s.q[j]), &term);
     }
     return out;
 }

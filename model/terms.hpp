@@ -41,6 +41,9 @@ double stiffness_nm(const hdt_arm_stiffness &k, double load_nm);
 struct StiffnessLines { double intercept_nm[3]; };
 StiffnessLines stiffness_lines(const hdt_arm_stiffness &k);
 
+// Torque of an adopted cable spring; loads the gear as gravity does.
+double spring_nm(const hdt_arm_joint &joint, double q_rad);
+
 // N^2 (rotor + wave generator) + adopted extra inertia, kg.m^2 output side.
 double reflected_inertia_kgm2(const hdt_arm_joint &joint);
 

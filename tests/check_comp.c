@@ -34,7 +34,7 @@ static void random_motion(uint64_t *r, const struct hdt_joint_tab *j, struct hdt
     d->dir = D(m->dir_q30, 30);
     d->travel = D(m->travel_q40, 40);
     d->cold = D(m->cold_q30, 30);
-    d->gravity = D(Q(test_uniform(r, -100, 100), 16), 16);
+    d->load = d->gravity = D(Q(test_uniform(r, -100, 100), 16), 16);
 }
 
 static int32_t term_of(int term, const struct hdt_joint_tab *j, const struct hdt_motion *m, int32_t load)
@@ -70,7 +70,7 @@ START_TEST(test_term_agrees_with_the_double_reference)
             struct hdt_motion m;
             struct ref_motion d;
             random_motion(&r, j, &m, &d);
-            const double got = D(term_of(term, j, &m, Q(d.gravity, 16)), 16);
+            const double got = D(term_of(term, j, &m, Q(d.load, 16)), 16);
             const double want = ref_term(j, term, &d), error = fabs(got - want);
             worst = fmax(worst, fabs(want));
             ck_assert_msg(error <= ref_tolerance(j, term), "term %d arm %d state %d: %.9g, expected %.9g, off %.2f LSB",
@@ -101,7 +101,7 @@ START_TEST(test_knots_and_line_ends_are_met_on_both_sides)
                 ck_assert_double_eq_tol(D(hdt_comp_friction(j, &m), 16), ref_friction(j, &d), 1.1 * LSB_NM);
                 const struct hdt_stiffness_tab *s = &j->stiffness[m.dir_q30 < 0];
                 const int32_t load = (k & 1 ? s->t1_q16 : s->t2_q16) + step;
-                d.gravity = D(load, 16);
+                d.load = D(load, 16);
                 ck_assert_double_eq_tol(D(hdt_comp_stiffness(j, &m, load), 16), ref_stiffness(j, &d), 1.1 * LSB_NM);
             }
         }
@@ -122,8 +122,8 @@ START_TEST(test_directed_terms_vanish_at_standstill)
         ck_assert_int_eq(m.dir_q30, 0);
         ck_assert_int_eq(hdt_comp_friction(&arm.joint[0], &m), 0);
         ck_assert_int_eq(hdt_comp_ripple(&arm.joint[0], &m), 0);
-        ck_assert_int_eq(hdt_comp_stiffness(&arm.joint[0], &m, Q(d.gravity, 16)), 0);
-        ck_assert_int_eq(hdt_comp_load(&arm.joint[0], &m, Q(d.gravity, 16)), 0);
+        ck_assert_int_eq(hdt_comp_stiffness(&arm.joint[0], &m, Q(d.load, 16)), 0);
+        ck_assert_int_eq(hdt_comp_load(&arm.joint[0], &m, Q(d.load, 16)), 0);
         ck_assert_int_eq(hdt_comp_temperature(&arm.joint[0], &m), 0);
         ck_assert_int_eq(hdt_comp_presliding(&arm.joint[0], &m), 0);
     }
@@ -283,7 +283,7 @@ START_TEST(test_terms_saturate_and_never_wrap)
         d.q_ref = D(m.q_ref_q24, 24);
         d.v_ref = D(m.v_ref_q24, 24);
         d.dir = D(m.dir_q30, 30);
-        d.gravity = D(load, 16);
+        d.load = D(load, 16);
         for (size_t k = 0; k < sizeof own_terms / sizeof own_terms[0]; k++) {
             /* inner sums saturate before a direction or share scales them: only the sign and, where
              * nothing saturates, the value are certain */

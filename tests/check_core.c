@@ -140,14 +140,16 @@ static void assert_period_agrees(int n, int k)
     for (uint32_t j = 0; j < arm.joints; j++) {
         const struct hdt_joint_tab *t = &arm.joint[j];
         int64_t total = 0;
-        m[j].gravity = g[j];
+        m[j].gravity = m[j].load = g[j];
+        if (t->terms >> HDT_TERM_SPRING & 1)
+            m[j].load += ref_spring(t, &m[j]);
         m[j].inertia = i[j];
         ck_assert_double_eq_tol(D(out.q[j].raw, 24), m[j].q, 0x1p-24);
         ck_assert_double_eq_tol(D(out.v[j].raw, 24), m[j].v, 1e-5);
         for (int term = 0; term < HDT_TERMS; term++) {
             /* at a corner of the three lines either side is right */
-            if (term == HDT_TERM_STIFFNESS && (fabs(g[j] - D(t->stiffness[m[j].dir < 0].t1_q16, 16)) < chain ||
-                                               fabs(g[j] - D(t->stiffness[m[j].dir < 0].t2_q16, 16)) < chain))
+            if (term == HDT_TERM_STIFFNESS && (fabs(m[j].load - D(t->stiffness[m[j].dir < 0].t1_q16, 16)) < chain ||
+                                               fabs(m[j].load - D(t->stiffness[m[j].dir < 0].t2_q16, 16)) < chain))
                 continue;
             const double got = D(out.term[term][j].raw, 16), want = ref_term(t, term, &m[j]);
             const double allowed = term == HDT_TERM_INERTIA ? rigid : run_tolerance(t, term, &m[j], chain);

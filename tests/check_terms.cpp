@@ -275,6 +275,12 @@ START_TEST(test_each_effect_is_alone_in_its_term)
         for (std::size_t t = 0; t < HDT_TERMS; t++)
             if (j == 1 && t == static_cast<std::size_t>(effect.term))
                 ck_assert_double_ne(before[j][t], after[j][t]);
+            else if (j == 1 && effect.term == HDT_TERM_SPRING && t == HDT_TERM_STIFFNESS)
+                ck_assert_double_eq_tol(after[j][t], // a spring loads the gear as gravity does
+                                        std::fabs(s.dir[1])
+                                            * hdt::stiffness_nm(arm.joint[1].stiffness[s.dir[1] < 0],
+                                                                before[j][HDT_TERM_GRAVITY] + after[j][HDT_TERM_SPRING]),
+                                        anywhere);
             else
                 ck_assert_double_eq(before[j][t], after[j][t]);
 }
@@ -297,7 +303,8 @@ START_TEST(test_effects_have_the_size_their_numbers_say)
         ck_assert_double_eq_tol(term[HDT_TERM_TEMPERATURE], 0.5 * (-3 - 4 * 0.5), anywhere);
         ck_assert_double_eq_tol(term[HDT_TERM_PRESLIDING], 0.25, anywhere);
         ck_assert_double_eq_tol(term[HDT_TERM_SPRING], 2 * (0.8 - 0.3), anywhere);
-        ck_assert_double_eq_tol(term[HDT_TERM_LOAD], -0.05 * std::fabs(gravity[j]), anywhere);
+        ck_assert_double_eq_tol(term[HDT_TERM_LOAD], -0.05 * std::fabs(gravity[j] + term[HDT_TERM_SPRING]),
+                                anywhere);
         ck_assert_double_eq_tol(term[HDT_TERM_GRAVITY], gravity[j], anywhere);
         ck_assert_double_eq_tol(term[HDT_TERM_LINES],
                                 -0.6 * std::sin(100 * 0.8 + 0.2) + 0.5 * std::sin(1.5 * 0.8 - 0.4),

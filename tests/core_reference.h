@@ -292,6 +292,7 @@ static inline void ref_inertia(const struct hdt_tables *t, const double q[], con
 struct ref_motion {
     double turned; /* counts from zero, joint direction */
     double q, v, q_ref, v_ref, a_ref, dir, travel, cold, gravity, inertia;
+    double load; /* what the gear has to carry: gravity, and a spring that is in use */
 };
 
 static inline double ref_dir(const struct hdt_joint_tab *j, double v_ref)
@@ -316,10 +317,15 @@ static inline double ref_ripple(const struct hdt_joint_tab *j, const struct ref_
     return m->dir * (D(j->ripple_q8[k], 8) + (x - k) * (D(j->ripple_q8[(k + 1) % 1024], 8) - D(j->ripple_q8[k], 8)));
 }
 
+static inline double ref_spring(const struct hdt_joint_tab *j, const struct ref_motion *m)
+{
+    return D(j->spring_q16, 16) * (m->q - D(j->spring_q0_q24, 24));
+}
+
 static inline double ref_stiffness(const struct hdt_joint_tab *j, const struct ref_motion *m)
 {
     const struct hdt_stiffness_tab *s = &j->stiffness[m->dir >= 0 ? 0 : 1];
-    const double x = m->gravity;
+    const double x = m->load;
     const int k = x < D(s->t1_q16, 16) ? 0 : x <= D(s->t2_q16, 16) ? 1 : 2;
     return fabs(m->dir) * (D(s->intercept_q16[k], 16) + D(s->slope_q24[k], 24) * x);
 }
@@ -344,12 +350,12 @@ static inline double ref_term(const struct hdt_joint_tab *j, int term, const str
     case HDT_TERM_RIPPLE: return ref_ripple(j, m);
     case HDT_TERM_STIFFNESS: return ref_stiffness(j, m);
     case HDT_TERM_LINES: return ref_lines(j, m);
-    case HDT_TERM_LOAD: return D(j->load_mu_q24, 24) * fabs(m->gravity) * m->dir;
+    case HDT_TERM_LOAD: return D(j->load_mu_q24, 24) * fabs(m->load) * m->dir;
     case HDT_TERM_TEMPERATURE:
         return m->cold * (D(j->cold_coulomb_q16, 16) * m->dir + D(j->cold_viscous_q16, 16) * m->v_ref);
     case HDT_TERM_PRESLIDING:
         return -D(j->presliding_q16, 16) * exp(-m->travel * D(j->presliding_inv_q8, 8)) * m->dir;
-    case HDT_TERM_SPRING: return D(j->spring_q16, 16) * (m->q - D(j->spring_q0_q24, 24));
+    case HDT_TERM_SPRING: return ref_spring(j, m);
     case HDT_TERM_OFFSET: return D(j->offset_q16, 16);
     case HDT_TERM_P: return D(j->kp_q16, 16) * (m->q_ref - m->q);
     case HDT_TERM_D: return D(j->kd_q16, 16) * (m->v_ref - m->v);

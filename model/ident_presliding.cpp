@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// Right after a reversal friction still has its old sign: the springs of gear and wave generator have
+// to unwind.  -dir T exp(-s / s0), s the travel since the turning point; s0 by a grid over its
+// logarithm, T linear.  Sigma from leaving out one run after the other.
+//
+// Owns: one scalar search a joint.
+// Never: names an effect (diagnosis does).
+#include "model/ident_presliding.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "model/ident_rows.hpp"
+
+namespace hdt::fit {
+
+using Eigen::Index;
+using Eigen::VectorXd;
+
+namespace {
+
+constexpr double travel_least_rad = 1e-4, travel_most_rad = 0.02;
+constexpr int grid = 40;
+constexpr double clear_sigmas = 3;
+constexpr double worth_share = 0.15; // of the squares near reversals
+constexpr double near_share = 0.05;  // a block where the term is below this share of its size is far
+
+double travel_at(double step) { return travel_least_rad * std::pow(travel_most_rad / travel_least_rad, step / (grid - 1)); }
+
+// Sums over one run, for every travel of the grid.
+struct Sums { VectorXd xy = VectorXd::Zero(grid), xx = VectorXd::Zero(grid), yy = VectorXd::Zero(grid); };
+
+Sums sums_of(const Conditioned &c, const hdt_arm &arm, int j)
+{
+    Sums out;
+    if (!c.present[static_cast<std::size_t>(j)])
+        return out;
+    const VectorXd total = declared_terms(arm, c)[static_cast<std::size_t>(j)].rowwise().sum();
+    const VectorXd y = c.block_mean(j, arm.joint[j].torque_gain * c.tau.col(j) - total);
+    for (int k = 0; k < grid; k++) {
+        // from rest it is not known how far friction had built up
+        const VectorXd full = (c.built_up.col(j).array() >= 1).cast<double>() * -c.dir.col(j).array()
+                              * (-c.travel.col(j).array() / travel_at(k)).exp();
+        const VectorXd x = c.block_mean(j, full);
+        out.xy[k] = x.dot(y);
+        out.xx[k] = x.squaredNorm();
+        out.yy[k] = (x.array().abs() > near_share).select(y.array(), 0.0).matrix().squaredNorm();
+    }
+    return out;
+}
+
+struct Best { double torque = 0, travel = 0, share = 0; };
+
+// Size and travel that explain most; the travel between grid points from the parabola through three.
+Best best_of(const Sums &s)
+{
+    VectorXd gain = VectorXd::Zero(grid);
+    for (int k = 0; k < grid; k++)
+        if (s.xx[k] > 0 && s.xy[k] > 0)
+            gain[k] = s.xy[k] * s.xy[k] / s.xx[k];
+    Index at = 0;
+    if (!(gain.maxCoeff(&at) > 0))
+        return {};
+    double shift = 0;
+    if (at > 0 && at < grid - 1) {
+        const double bend = gain[at - 1] - 2 * gain[at] + gain[at + 1];
+        shift = bend < 0 ? 0.5 * (gain[at - 1] - gain[at + 1]) / bend : 0;
+    }
+    const Index other = shift < 0 ? at - 1 : std::min<Index>(at + 1, grid - 1);
+    const double there = s.xx[other] > 0 ? s.xy[other] / s.xx[other] : s.xy[at] / s.xx[at];
+    const double here = s.xy[at] / s.xx[at], part = std::fabs(shift);
+    return {here + part * (there - here), travel_at(static_cast<double>(at) + shift), gain[at] / s.yy[at]};
+}
+
+void erase_presliding(int number, ArmFile *file)
+{
+    const std::string array = "joint." + std::to_string(number) + ".effect";
+    for (int k = file->count(array); k >= 1; k--)
+        if (file->get_text(array + "." + std::to_string(k) + ".id") == "presliding")
+            file->erase(array + "." + std::to_string(k));
+}
+
+Quantity quantity(double value, const char *unit, double sigma)
+{
+    Quantity q;
+    q.value = {value};
+    q.unit = unit;
+    q.sigma = {sigma};
+    q.source = "IDENT";
+    return q;
+}
+
+} // namespace
+
+std::vector<FitParameter> fit_presliding(const std::vector<Run> &runs, int number, double block_s, ArmFile *file)
+{
+    hdt_arm arm = file->arm();
+    hdt_arm_joint &joint = arm.joint[number - 1];
+    joint.presliding_nm = joint.presliding_rad = 0;
+    ConditionOptions how;
+    how.block_s = block_s;
+    std::vector<Sums> each;
+    for (const Conditioned &c : condition_all(runs, arm, how))
+        each.push_back(sums_of(c, arm_for_run(arm, c), number - 1));
+    Sums all;
+    for (const Sums &s : each) {
+        all.xy += s.xy;
+        all.xx += s.xx;
+        all.yy += s.yy;
+    }
+    const Best best = best_of(all);
+    double torque_square = 0, travel_square = 0;
+    const double n = static_cast<double>(each.size());
+    for (const Sums &s : each) { // jackknife over runs
+        Sums rest = all;
+        rest.xy -= s.xy;
+        rest.xx -= s.xx;
+        rest.yy -= s.yy;
+        const Best b = best_of(rest);
+        torque_square += (b.torque - best.torque) * (b.torque - best.torque) * (n - 1) / n;
+        travel_square += (b.travel - best.travel) * (b.travel - best.travel) * (n - 1) / n;
+    }
+    erase_presliding(number, file);
+    const double sigma = std::sqrt(torque_square), travel_sigma = std::sqrt(travel_square);
+    if (n < 2 || !(best.torque > clear_sigmas * sigma) || best.share < worth_share)
+        return {};
+    const std::string array = "joint." + std::to_string(number) + ".effect";
+    file->append(array, {{"id", "presliding"}},
+                 {{"torque", quantity(best.torque, "N m", sigma)}, {"travel", quantity(best.travel, "rad", travel_sigma)}});
+    const std::string key = array + "." + std::to_string(file->count(array)) + ".";
+    return {{key + "torque", "N m", best.torque, sigma, true}, {key + "travel", "rad", best.travel, travel_sigma, true}};
+}
+
+} // namespace hdt::fit
