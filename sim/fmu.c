@@ -30,7 +30,7 @@ static const double TURN_RAD = 6.283185307179586;
 static const double TICK_SLACK = 1e-6;       /* of a tick: times are sums of steps */
 static const double TIME_SLACK_S = 1e-9;     /* the same for a time, relative above 1 s */
 static const double TICKS_MAX = 9007199254740992.0;
-static const char ERRORS[] = "logStatusError", DISCARDS[] = "logStatusDiscard", EVENTS[] = "logEvents";
+static const char ERRORS[] = "logStatusError", DISCARDS[] = "logStatusDiscard", ALARMS[] = "logAlarms";
 static const char MAGIC[8] = "HDTFMU1";
 
 enum phase { INSTANTIATED = 1, INITIALIZATION = 2, STEP = 4, TERMINATED = 8, ANY = 15 };
@@ -54,7 +54,7 @@ struct instance {
     char name[NAME_MAX_BYTES];
     fmi3InstanceEnvironment environment;
     fmi3LogMessageCallback log;
-    bool log_events;
+    bool log_alarms;
 };
 
 /* What SerializeFMUState makes; the state follows. */
@@ -108,12 +108,12 @@ static int16_t digits(double value, double per_digit)
 
 static void say_alarms(const struct instance *u, const struct drv_state *now, const uint16_t *before)
 {
-    if (!u->log_events)
+    if (!u->log_alarms)
         return;
     for (int i = 0; i < fmu_the_arm.joints; i++) {
         unsigned alarm = (now->axis[i].status & DRV_AXIS_ALARM_MASK) >> DRV_ALARM_SHIFT;
         if (alarm != 0 && alarm != (before[i] & DRV_AXIS_ALARM_MASK) >> DRV_ALARM_SHIFT)
-            say(u, fmi3OK, EVENTS, "%s at %.6f s: alarm %02x, %s", fmu_the_arm.joint[i], u->s.servo.s.t_s,
+            say(u, fmi3OK, ALARMS, "%s at %.6f s: alarm %02x, %s", fmu_the_arm.joint[i], u->s.servo.s.t_s,
                 alarm,
                 drv_alarm_str(alarm));
     }
@@ -220,22 +220,22 @@ const char *fmi3GetVersion(void)
 fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t n, const fmi3String category[])
 {
     struct instance *u = instance;
-    bool events = n == 0;
+    bool alarms = n == 0;
     if (u == NULL || (n > 0 && category == NULL))
         return fmi3Error;
     for (size_t i = 0; i < n; i++) {
         bool known = false;
         for (int k = 0; k < 3; k++)
             known |= category[i] != NULL
-                     && strcmp(category[i], k == 0 ? ERRORS : k == 1 ? DISCARDS : EVENTS) == 0;
+                     && strcmp(category[i], k == 0 ? ERRORS : k == 1 ? DISCARDS : ALARMS) == 0;
         if (!known)
             return say(u, fmi3Error, ERRORS, "fmi3SetDebugLogging: expected %s, %s or %s, found \"%s\"",
                        ERRORS,
-                       DISCARDS, EVENTS, category[i] != NULL ? category[i] : "");
-        events |= strcmp(category[i], EVENTS) == 0;
+                       DISCARDS, ALARMS, category[i] != NULL ? category[i] : "");
+        alarms |= strcmp(category[i], ALARMS) == 0;
     }
-    if (events)
-        u->log_events = on;
+    if (alarms)
+        u->log_alarms = on;
     return fmi3OK;
 }
 
@@ -258,7 +258,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
                                          size_t intermediates, fmi3InstanceEnvironment environment,
                                          fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update)
 {
-    struct instance draft = { .environment = environment, .log = log, .log_events = logging };
+    struct instance draft = { .environment = environment, .log = log, .log_alarms = logging };
     struct instance *u;
     const char *why = objection(token, event_mode, intermediates);
     (void)resource_path, (void)visible, (void)early_return, (void)intermediate, (void)update;

@@ -11,11 +11,15 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <fstream>
 #include <map>
 #include <memory>
 #include <sstream>
 #include <string>
 #include <vector>
+
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include "model/arm_file.hpp"
 #include "model/rbd.hpp"
@@ -664,6 +668,58 @@ START_TEST(test_shipped_arm_comes_back)
 }
 END_TEST
 
+// ---- the command ----
+
+static int run_hdt(const std::string &arguments, const std::string &err)
+{
+    const char *build = std::getenv("BUILD");
+    const std::string command = std::string(build ? build : "build") + "/hdt export " + arguments +
+    " >/dev/null 2>" + err;
+    const int status = std::system(command.c_str());
+    return WIFEXITED(status) ? WEXITSTATUS(status) : 128;
+}
+
+static std::string slurp(const std::string &path)
+{
+    std::ifstream file(path);
+    std::ostringstream text;
+    text << file.rdbuf();
+    return text.str();
+}
+
+START_TEST(test_command_writes_what_the_library_says)
+{
+    const char *build = std::getenv("BUILD");
+    if (access((std::string(build ? build : "build") + "/hdt").c_str(), X_OK) != 0)
+        HDT_SKIP("no hdt in this build");
+    char name[] = "/tmp/hdt-export-XXXXXX";
+    ck_assert_ptr_nonnull(mkdtemp(name));
+    const std::string dir = name, err = dir + "/err", pa10 = "model/arms/pa10.toml", out = dir + "/arm";
+    const hdt_arm arm = hdt::ArmFile::load(pa10).arm();
+    ExportOptions armature;
+    armature.armature = true;
+    ck_assert_int_eq(run_hdt(pa10 + " --format urdf --out " + out, err), 0);
+    ck_assert_str_eq(slurp(out).c_str(), hdt::export_text(arm, ExportFormat::Urdf, {}).c_str());
+    ck_assert_int_eq(run_hdt(pa10 + " --format mjcf --armature --out " + out, err), 0);
+    ck_assert_str_eq(slurp(out).c_str(), hdt::export_text(arm, ExportFormat::Mjcf, armature).c_str());
+    std::remove(out.c_str());
+    // refused: exit code 3, one line, no file
+    for (const std::string &bad : {pa10 + " --format sdf",
+                                   std::string("model/arms/panda.toml --format mjcf")}) {
+        ck_assert_int_eq(run_hdt(bad + " --out " + out, err), 3);
+        const std::string said = slurp(err);
+        ck_assert_int_eq(std::count(said.begin(), said.end(), '\n'), 1);
+        ck_assert_msg(said.find("expected") != std::string::npos, "%s", said.c_str());
+        ck_assert(access(out.c_str(), F_OK) != 0);
+    }
+    ck_assert_int_eq(run_hdt("model/arms/panda.toml --format urdf --kinematics --out " + out, err), 0);
+    ck_assert_uint_eq(read_urdf(slurp(out)).links.size(), 7);
+    std::remove(out.c_str());
+    std::remove(err.c_str());
+    ck_assert_int_eq(rmdir(dir.c_str()), 0);
+}
+END_TEST
+
 static Suite *export_suite(void)
 {
     Suite *s = suite_create("export");
@@ -683,6 +739,7 @@ static Suite *export_suite(void)
     tcase_add_test(c, test_what_is_no_body_is_refused);
     tcase_add_test(c, test_point_masses_are_for_urdf);
     tcase_add_test(c, test_options_of_the_other_format_are_refused);
+    tcase_add_test(c, test_command_writes_what_the_library_says);
     suite_add_tcase(s, c);
     return s;
 }

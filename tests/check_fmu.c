@@ -400,12 +400,12 @@ START_TEST(test_enable_brakes_and_clears_alarms)
 }
 END_TEST
 
-START_TEST(test_alarm_is_told_when_events_are_logged)
+START_TEST(test_alarm_is_told_when_alarms_are_logged)
 {
     for (int on = 0; on < 2; on++) {
         fmi3Instance u = instantiate();
-        const fmi3String events = "logEvents";
-        ck_assert_int_eq(fmi3SetDebugLogging(u, on, 1, &events), fmi3OK);
+        const fmi3String alarms = "logAlarms";
+        ck_assert_int_eq(fmi3SetDebugLogging(u, on, 1, &alarms), fmi3OK);
         set_real(u, "start", 1, 1.63);
         start(u);
         set_mode(u, 1, 1);
@@ -415,7 +415,7 @@ START_TEST(test_alarm_is_told_when_events_are_logged)
             step(u, 0.01);
         ck_assert_int_eq(messages, on); /* once, not every tick */
         if (on) {
-            ck_assert_str_eq(last_category, "logEvents");
+            ck_assert_str_eq(last_category, "logAlarms");
             ck_assert_ptr_nonnull(strstr(last_message, "S2"));
             ck_assert_ptr_nonnull(strstr(last_message, "08"));
         }
@@ -722,7 +722,7 @@ static Suite *fmu_suite(void)
     tcase_add_test(c, test_unit_with_payload_is_the_servo_driver_with_it);
     tcase_add_test(c, test_payload_loads_the_gears_by_its_weight);
     tcase_add_test(c, test_enable_brakes_and_clears_alarms);
-    tcase_add_test(c, test_alarm_is_told_when_events_are_logged);
+    tcase_add_test(c, test_alarm_is_told_when_alarms_are_logged);
     suite_add_tcase(s, c);
     c = tcase_create("states");
     tcase_set_timeout(c, 60);

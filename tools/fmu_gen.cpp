@@ -202,7 +202,7 @@ std::string description_xml(const hdt_arm &arm, const plant_model &plant, const 
          "  <LogCategories>\n"
          "    <Category name=\"logStatusError\" description=\"calls and values refused\"/>\n"
          "    <Category name=\"logStatusDiscard\" description=\"values out of their limits\"/>\n"
-         "    <Category name=\"logEvents\" description=\"alarms of the servo driver\"/>\n"
+         "    <Category name=\"logAlarms\" description=\"alarms of the servo driver\"/>\n"
          "  </LogCategories>\n"
          "  <DefaultExperiment startTime=\"0\" stopTime=\"2\" stepSize=\"0.005\"/>\n"
          "  <ModelVariables>\n";
