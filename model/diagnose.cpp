@@ -29,6 +29,7 @@ constexpr std::size_t kRunsMin = 4;
 constexpr Index kFriction = 4;             // columns of nuisance_columns
 constexpr Index kRowsMin = 400;            // per joint over all fit runs
 constexpr double kWorse = 1.5;             // held-out mean square may grow by this: few runs scatter
+constexpr double kUnnamedFall = 0.03;      // what no effect explains must be worth a table
 constexpr double kPiece_s = 20;
 constexpr double kReversalGuard_s = 0.03;  // velocity estimate and gear wind-up settle within this
 constexpr double kSoftMargin_nm = 5;       // around the fall of the declared soft wind-up
@@ -521,6 +522,11 @@ std::string judge(const JointWork &w, std::size_t runs, const HeldOut &h, bool u
         d->verdict = "suspect";
         return text("it does not help on the held-out runs (%.3g N.m as given, %.3g with friction fitted again, "
                     "%.3g with it)", rms(h.before), rms(h.refit), rms(h.after));
+    }
+    if (unnamed && d->effects.size() == 1 && fall < kUnnamedFall) {
+        d->verdict = "suspect";
+        return text("an axis without a name has to take %.0f %% off the held-out error, and takes %.1f %%",
+                    100 * kUnnamedFall, 100 * fall);
     }
     if (runs < kRunsMin && fall < 0.15) {
         d->verdict = "suspect";
