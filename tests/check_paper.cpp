@@ -546,14 +546,14 @@ END_TEST
 
 START_TEST(test_figures_by_hand)
 {
-    // joint 1 is 0.01 rad off all the time, the arm stretched out sideways: 0.01 of its reach
+    // joint 1 is 0.03, 0.01, 0.02 rad off, the arm stretched out sideways: that share of its reach
     LoopRun run;
     run.active = 1;
     const Eigen::Index rows = 3;
     run.ref_rad.setZero(rows, 7);
     run.ref_rad.col(1).setConstant(pi / 2);
     run.seen_rad = run.link_rad = run.ref_rad;
-    run.link_rad.col(0).array() += 0.01;
+    run.link_rad.col(0) << 0.03, 0.01, 0.02;
     for (Eigen::MatrixXd *m : {&run.friction_nm, &run.gravity_nm, &run.stiffness_nm, &run.inertia_nm,
                                &run.feedback_nm, &run.total_nm})
         m->setZero(rows, 7);
@@ -562,11 +562,13 @@ START_TEST(test_figures_by_hand)
     run.t_s = {0.5, 1.5, 2.5};
     const LoopFigures f = figures_of(pa10(), run);
     const double reach_m = 0.45 + 0.5 + 0.08;
-    ck_assert_double_eq_tol(f.error_mean_mm, 10 * reach_m, 0.01);
-    ck_assert_double_eq_tol(f.first_second_max_mm, 10 * reach_m, 0.01);
+    ck_assert_double_eq_tol(f.error_mean_mm, 15 * reach_m, 0.01);
+    ck_assert_double_eq_tol(f.error_max_mm, 20 * reach_m, 0.01);
+    ck_assert_double_eq_tol(f.first_second_max_mm, 30 * reach_m, 0.01);
     ck_assert_double_eq(f.seen_mean_mm, 0);
     ck_assert_double_eq_tol(f.feedback_share, 0.25, 1e-12);
-    ck_assert_double_eq_tol(f.joint_mean_rad[0], 0.01, 1e-12);
+    ck_assert_double_eq_tol(f.joint_mean_rad[0], 0.02, 1e-12);
+    ck_assert_double_eq_tol(f.joint_max_rad[0], 0.03, 1e-12);
 }
 END_TEST
 

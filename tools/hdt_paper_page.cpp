@@ -382,8 +382,10 @@ void table_8(const Results &r, Page &page)
 
 void figure_8(const Plan &plan, const Results &r, Page &page)
 {
-    const auto figures = [&](std::size_t i) { return figures_of(plan.rig.arm, r.lemniscate[i].first); };
-    const LoopFigures with = figures(0), without = figures(4);
+    const LoopRun &model = loop_named(r, "measured").first, &alone = loop_named(r, "feedback alone").first,
+                  &strong = loop_named(r, "10 x gains").first;
+    const LoopFigures with = figures_of(plan.rig.arm, model), without = figures_of(plan.rig.arm, alone),
+                      tenfold = figures_of(plan.rig.arm, strong);
     const auto path = [&](const LoopFigures &f, const std::string &title) {
         Plot p = plot_of(title, "y, m", "z, m",
                          {series("reference", column(f.reference_m, 1), column(f.reference_m, 2)),
@@ -393,15 +395,12 @@ void figure_8(const Plan &plan, const Results &r, Page &page)
         p.width_px = 430;
         return p;
     };
-    page.html.plots({path(with, "Fig. 8: with the model as measured"), path(without,
-            "feedback alone, the same gains")});
-    Plot error = plot_of("Flange error", "t, s", "mm", {series("model as measured", r.lemniscate[0].first.t_s,
-                                                               with.error_mm),
-                                                          series("feedback alone", r.lemniscate[4].first.t_s,
-                                                                 without.error_mm),
-                                                          series("feedback alone, ten times the gains",
-                                                                 r.lemniscate[5].first.t_s,
-                                                                 figures(5).error_mm)});
+    page.html.plots({path(with, "Fig. 8: with the model as measured"),
+                     path(without, "feedback alone, the same gains")});
+    Plot error = plot_of("Flange error", "t, s", "mm",
+                         {series("model as measured", model.t_s, with.error_mm),
+                          series("feedback alone", alone.t_s, without.error_mm),
+                          series("feedback alone, ten times the gains", strong.t_s, tenfold.error_mm)});
     error.height_px = 240;
     page.html.plot(error);
 }
@@ -419,7 +418,7 @@ Plot torques(const LoopRun &run, Index j, const std::string &title)
 
 void figure_9(const Results &r, Page &page)
 {
-    const Loop &l = r.lemniscate[0];
+    const Loop &l = loop_named(r, "measured");
     const int order[6] = {0, 1, 3, 4, 5, 6};
     for (int k = 0; k < 6; k += 2) {
         std::vector<Plot> pair;

@@ -320,6 +320,18 @@ std::array<uint32_t, 16> all_joints(uint32_t mask)
     return terms;
 }
 
+hdt_arm with_friction_times(const hdt_arm &arm, double times)
+{
+    hdt_arm out = arm;
+    for (hdt_arm_joint &joint : out.joint)
+        for (hdt_arm_friction &f : joint.friction) {
+            f.f0_nm *= times;
+            f.fv_nmspr *= times;
+            f.fs_nm *= times;
+        }
+    return out;
+}
+
 std::vector<Loop> lemniscate_loops(const Plan &plan, const Results &r)
 {
     std::vector<Loop> loops;
@@ -346,6 +358,12 @@ std::vector<Loop> lemniscate_loops(const Plan &plan, const Results &r)
         10);
     add("10 x P, 3 x D", "no feed-forward, ten times P and three times D", plan.rig.arm,
         all_joints(feedback_terms), 10, 3);
+    // how stale a model may be
+    for (const double times : {1.05, 1.1, 0.9})
+        add("stale " + std::to_string(std::lround(100 * times)),
+            "as the first row, friction fed forward " + std::to_string(std::lround(100 * times)) +
+                " % of the measured",
+            with_friction_times(r.measured, times), paper_terms(), 1, 1);
     return loops;
 }
 
@@ -362,8 +380,7 @@ Loop joint_3_loop(const Results &r)
 }
 
 void repeat(const Plan &plan, const Reference &reference, int trial, int part, Loop *loop,
-            LoopFigures *figures,
-            std::string *fault)
+            LoopFigures *figures, std::string *fault)
 {
     LoopRun run = torque_run(plan.rig, loop->setup, reference, seed_of(plan, part, 0, trial));
     *figures = figures_of(plan.rig.arm, run);
@@ -523,6 +540,14 @@ void close_loops(const Plan &plan, Results *r, const std::function<void(double)>
 }
 
 } // namespace
+
+const Loop &loop_named(const Results &r, const std::string &name)
+{
+    for (const Loop &l : r.lemniscate)
+        if (l.setup.name == name)
+            return l;
+    throw std::logic_error("no closed loop is named " + name);
+}
 
 Results carry_out(const Plan &plan, const std::function<void(double)> &done)
 {

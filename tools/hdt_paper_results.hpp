@@ -106,6 +106,9 @@ struct Results {
 // Run everything the plan wants.  `done`: share of the runs that are through.
 Results carry_out(const Plan &plan, const std::function<void(double)> &done);
 
+// Throws std::logic_error for a name no lemniscate loop has.
+const Loop &loop_named(const Results &r, const std::string &name);
+
 // Points of one joint from the means of its trials: mean and scatter over trials at each speed.
 std::array<std::vector<SpeedPoint>, 2> points_of(const std::vector<std::vector<SpeedMean>> &trials);
 

@@ -86,7 +86,8 @@ void stiffness_statements(const Results &r, std::vector<Statement> &all)
 
 void loop_statements(const Results &r, std::vector<Statement> &all)
 {
-    const Loop &own = r.lemniscate[0], &none = r.lemniscate[4], &ten = r.lemniscate[5];
+    const Loop &own = loop_named(r, "measured"), &none = loop_named(r, "feedback alone"),
+               &ten = loop_named(r, "10 x gains");
     const double mean = own.mean(&LoopFigures::error_mean_mm), most = own.most(&LoopFigures::error_max_mm),
                  first = own.mean(&LoopFigures::first_second_max_mm), fall = none.most(&LoopFigures::fall_mm);
     const auto within_two = [](double ours, double paper) { return ours < 2 * paper && ours > paper / 2; };
