@@ -56,31 +56,40 @@ static double cable_nm(const struct plant_joint *j, double q_rad)
     return j->fx_spring_nmprad * (q_rad - j->fx_spring_q0_rad);
 }
 
-/* Everything on joint i at rotor angle th (output side) and speed w, link angle q and speed v; mesh,
- * load: mesh position and gear torque a moment ago. */
+/* Mesh and the torques of gear and wave generator; less_nm: part of the mesh's loss that is not there. */
+static void mesh_at(const struct plant_joint *j, double less_nm, double th, double ahead, double mesh,
+                    struct joint_now *now)
+{
+    now->mesh_rad = plant_mesh_slip(j, less_nm, th, ahead, mesh);
+    now->wave_nm = plant_wave_nm(j, th - now->mesh_rad);
+    now->gear_nm = plant_gear_nm(j, now->mesh_rad - ahead);
+}
+
+/* Everything on joint i at rotor angle th (output side) and speed w, link angle q and speed v; mesh:
+ * where it was. */
 static void joint_at(const struct plant_model *m, struct block *b, int i, double th, double w,
-                     double q, double v, double mesh, double load, struct joint_now *now)
+                     double q, double v, double mesh, struct joint_now *now)
 {
     const struct plant_joint *j = &m->joint[i];
-    struct plant_periodic p = plant_periodic_at(j, &b->phases[i], th, load, w);
-    double wave = j->soft_nm > 0 ? plant_wave_nm(j, th - mesh) : load;
-    now->directed_nm = p.directed_nm;
-    if (fabs(wave) < j->soft_nm) /* it comes from the teeth's load, and goes with it */
-        now->directed_nm *= fabs(wave) / j->soft_nm;
-    now->sense = w > 0 || (w == 0 && b->motor_nm[i] >= wave) ? 1 : -1;
-    now->dry_nm = plant_rub_dry_nm(j, &b->rub[i], now->sense, now->sense * w, load, now->directed_nm);
+    struct plant_periodic p = plant_periodic_at(j, &b->phases[i], th, w);
+    double ahead = q - p.error_rad, damping = j->damping_nmspr * (w - v);
     if (j->soft_nm > 0) {
-        /* what the lines take away beyond the rotor's own friction, they take from the mesh's */
-        now->mesh_rad = plant_mesh_slip(j, now->dry_nm < 0 ? now->dry_nm : 0, th, q - p.error_rad, mesh);
-        now->wave_nm = plant_wave_nm(j, th - now->mesh_rad);
-        now->gear_nm = plant_gear_nm(j, now->mesh_rad + p.error_rad - q);
+        mesh_at(j, 0, th, ahead, mesh, now);
     } else {
         now->mesh_rad = th;
-        now->wave_nm = now->gear_nm = plant_gear_nm(j, th + p.error_rad - q);
+        now->wave_nm = now->gear_nm = plant_gear_nm(j, th - ahead);
     }
-    double damping = j->damping_nmspr * (w - v);
+    double load = fabs(now->gear_nm + damping), wave = fabs(now->wave_nm);
+    now->directed_nm = p.directed_nm + p.directed_per * load;
+    if (wave < j->soft_nm) /* it comes from the teeth's load, and goes with it */
+        now->directed_nm *= wave / j->soft_nm;
+    now->sense = w > 0 || (w == 0 && b->motor_nm[i] >= now->wave_nm) ? 1 : -1;
+    now->dry_nm = plant_rub_dry_nm(j, &b->rub[i], now->sense, now->sense * w, now->gear_nm + damping,
+                                   now->directed_nm);
+    if (now->dry_nm < 0 && j->soft_nm > 0) /* what lines take beyond the rotor's friction, the mesh gives */
+        mesh_at(j, now->dry_nm, th, ahead, mesh, now);
     now->rotor_nm = b->motor_nm[i] - now->wave_nm - now->gear_nm * p.error_slope - damping
-                    - p.torque_nm;
+                    - p.torque_nm - p.torque_per * load;
     now->gear_nm += damping;
     now->link_nm = now->gear_nm - cable_nm(j, q) + plant_stop_nm(j, q, v) + b->outside_nm[i];
 }
@@ -125,7 +134,7 @@ static void wind_up(const struct plant_joint *j, struct plant_state *s, int i, d
     for (int k = 0; k < 20; k++) { /* the error is small and flat: each round gains a digit or more */
         s->th_m_rad[i] = j->ratio * (behind - error + ahead);
         plant_phases_set(j, s, i, &phases);
-        error = plant_periodic_at(j, &phases, s->th_m_rad[i] / j->ratio, 0, 0).error_rad;
+        error = plant_periodic_at(j, &phases, s->th_m_rad[i] / j->ratio, 0).error_rad;
     }
     s->mesh_rad[i] = behind - error;
     s->gear_nm[i] = s->wave_nm[i] = load_nm;
@@ -193,7 +202,7 @@ static void kick_rotor(const struct plant_model *m, struct plant_state *s, struc
     double speed = s->thd_m_radps[i] * b->per_ratio[i];
     struct joint_now now;
     joint_at(m, b, i, s->th_m_rad[i] * b->per_ratio[i], speed, s->q_rad[i], s->qd_radps[i],
-             s->mesh_rad[i], s->gear_nm[i], &now);
+             s->mesh_rad[i], &now);
     s->mesh_rad[i] = now.mesh_rad;
     s->gear_nm[i] = now.gear_nm;
     s->wave_nm[i] = now.wave_nm;
@@ -279,7 +288,7 @@ static void rates(const struct plant_model *m, struct block *b, struct plant_sta
     for (int i = 0; i < b->n; i++) {
         const struct plant_joint *j = &m->joint[i];
         struct joint_now now;
-        joint_at(m, b, i, x->th[i], x->w[i], x->q[i], x->qd[i], s->mesh_rad[i], s->gear_nm[i], &now);
+        joint_at(m, b, i, x->th[i], x->w[i], x->q[i], x->qd[i], s->mesh_rad[i], &now);
         link_nm[i] = now.link_nm;
         rate->q[i] = x->qd[i];
         rate->th[i] = x->w[i];
@@ -311,7 +320,7 @@ static void decide(const struct plant_model *m, struct block *b, struct plant_st
         if (s->locked >> i & 1)
             st->sense[i] = 0;
         else if (st->sense[i] == 0) {
-            joint_at(m, b, i, x->th[i], 0, x->q[i], x->qd[i], s->mesh_rad[i], s->gear_nm[i], &now);
+            joint_at(m, b, i, x->th[i], 0, x->q[i], x->qd[i], s->mesh_rad[i], &now);
             double drive = now.rotor_nm - x->dahl[i], sense = drive < 0 ? -1 : 1;
             double dry = sense == now.sense ? now.dry_nm
                                             : plant_rub_dry_nm(&m->joint[i], &b->rub[i], sense, 0,
@@ -329,11 +338,11 @@ static void settle(const struct plant_model *m, struct block *b, struct plant_st
         double w = x->w[i];
         struct joint_now now;
         if (st->sense[i] * w <= 0) { /* it has turned back: does friction hold it there? */
-            joint_at(m, b, i, x->th[i], 0, x->q[i], x->qd[i], s->mesh_rad[i], s->gear_nm[i], &now);
+            joint_at(m, b, i, x->th[i], 0, x->q[i], x->qd[i], s->mesh_rad[i], &now);
             if (st->sense[i] == 0 || fabs(now.rotor_nm - x->dahl[i]) <= more(now.dry_nm, 0))
                 w = 0;
         }
-        joint_at(m, b, i, x->th[i], w, x->q[i], x->qd[i], s->mesh_rad[i], s->gear_nm[i], &now);
+        joint_at(m, b, i, x->th[i], w, x->q[i], x->qd[i], s->mesh_rad[i], &now);
         s->q_rad[i] = x->q[i];
         s->qd_radps[i] = x->qd[i];
         s->th_m_rad[i] = x->th[i] * j->ratio;
@@ -402,7 +411,7 @@ void plant_step(const struct plant_model *base, struct plant_state *s, const dou
         for (int i = 0; i < b.n; i++) {
             struct joint_now now;
             joint_at(m, &b, i, s->th_m_rad[i] * b.per_ratio[i], s->thd_m_radps[i] * b.per_ratio[i],
-                     s->q_rad[i], s->qd_radps[i], s->mesh_rad[i], s->gear_nm[i], &now);
+                     s->q_rad[i], s->qd_radps[i], s->mesh_rad[i], &now);
             s->mesh_rad[i] = now.mesh_rad;
             s->gear_nm[i] = now.gear_nm;
             s->wave_nm[i] = now.wave_nm;
@@ -417,10 +426,10 @@ static double springs_j(const struct plant_joint *j, const struct plant_state *s
     struct plant_phases phases;
     double angle = s->th_m_rad[i] / j->ratio, stretch = s->q_rad[i] - j->fx_spring_q0_rad;
     plant_phases_set(j, s, i, &phases);
-    double error = plant_periodic_at(j, &phases, angle, 0, 0).error_rad;
+    double error = plant_periodic_at(j, &phases, angle, 0).error_rad;
     double mesh = j->soft_nm > 0 ? s->mesh_rad[i] : angle;
     double energy = plant_gear_energy_j(j, mesh + error - s->q_rad[i])
-                    + j->fx_spring_nmprad * stretch * stretch / 2 + plant_lines_energy_j(j, angle)
+                    + j->fx_spring_nmprad * stretch * stretch / 2 + plant_lines_energy_j(j, s, i)
                     + plant_stop_energy_j(j, s->q_rad[i]);
     return j->soft_nm > 0 ? energy + plant_wave_energy_j(j, angle - mesh) : energy;
 }

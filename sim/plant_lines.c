@@ -32,30 +32,25 @@ static void carry(struct plant_phase *p, double at_rad)
     *p = (struct plant_phase){ at_rad, p->sine * c + p->cosine * s, p->cosine * c - p->sine * s };
 }
 
+static double turn_of(const struct plant_line *l, const struct plant_state *s, int index, double angle_rad)
+{
+    return l->order_rev * angle_rad + l->phase_rad + (l->run_phase ? s->phase_rad[index] : 0);
+}
+
 void plant_phases_set(const struct plant_joint *j, const struct plant_state *s, int index,
                       struct plant_phases *p)
 {
     double angle = s->th_m_rad[index] / j->ratio;
     for (int i = 0; i < j->lines; i++) {
-        const struct plant_line *l = &j->line[i];
-        p->line[i] = phase_at(l->order_rev * angle + l->phase_rad
-                              + (l->run_phase ? s->phase_rad[index] : 0));
+        p->line[i] = phase_at(turn_of(&j->line[i], s, index, angle));
     }
     for (int i = 0; i < j->errors; i++)
         p->error[i] = phase_at(j->error[i].order_rev * angle + j->error[i].phase_rad);
     p->from_rad = angle;
 }
 
-static double line_nm(const struct plant_line *l, double gear_nm, double speed_radps)
-{
-    double amplitude = l->amplitude_nm;
-    if (l->per_load != 0 || l->per_speed_nmspr != 0)
-        amplitude += l->per_load * fabs(gear_nm) + l->per_speed_nmspr * fabs(speed_radps);
-    return amplitude;
-}
-
 struct plant_periodic plant_periodic_at(const struct plant_joint *j, struct plant_phases *p,
-                                        double angle_rad, double gear_nm, double speed_radps)
+                                        double angle_rad, double speed_radps)
 {
     struct plant_periodic sum = { 0 };
     double moved = angle_rad - p->from_rad;
@@ -63,11 +58,9 @@ struct plant_periodic plant_periodic_at(const struct plant_joint *j, struct plan
     for (int i = 0; i < j->lines; i++) {
         const struct plant_line *l = &j->line[i];
         carry(&p->line[i], p->line[i].at_rad + l->order_rev * moved);
-        double value = line_nm(l, gear_nm, speed_radps) * p->line[i].sine;
-        if (l->directed)
-            sum.directed_nm += value;
-        else
-            sum.torque_nm += value;
+        double amplitude = l->amplitude_nm + l->per_speed_nmspr * fabs(speed_radps);
+        *(l->directed ? &sum.directed_nm : &sum.torque_nm) += amplitude * p->line[i].sine;
+        *(l->directed ? &sum.directed_per : &sum.torque_per) += l->per_load * p->line[i].sine;
     }
     for (int i = 0; i < j->errors; i++) {
         const struct plant_error *e = &j->error[i];
@@ -78,12 +71,11 @@ struct plant_periodic plant_periodic_at(const struct plant_joint *j, struct plan
     return sum;
 }
 
-double plant_lines_energy_j(const struct plant_joint *j, double angle_rad)
+double plant_lines_energy_j(const struct plant_joint *j, const struct plant_state *s, int index)
 {
-    double energy = 0;
+    double energy = 0, angle = s->th_m_rad[index] / j->ratio;
     for (int i = 0; i < j->lines; i++)
         if (!j->line[i].directed)
-            energy -= j->line[i].amplitude_nm / j->line[i].order_rev
-                      * cos(j->line[i].order_rev * angle_rad + j->line[i].phase_rad);
+            energy -= j->line[i].amplitude_nm / j->line[i].order_rev * cos(turn_of(&j->line[i], s, index, angle));
     return energy;
 }

@@ -90,16 +90,18 @@ struct plant_phases {
 /* What the lines and errors of a joint come to at one angle. */
 struct plant_periodic {
     double directed_nm, torque_nm;    /* friction more; torque the motor must give more */
+    double directed_per, torque_per;  /* the same, per N.m of gear torque (magnitude)   */
     double error_rad, error_slope;    /* e and de/dth, output side                       */
 };
 
 /* Anew at the state's angle. */
 void plant_phases_set(const struct plant_joint *j, const struct plant_state *s, int index,
                       struct plant_phases *p);
-/* Carried on to angle_rad, within 1e-9 however far; gear_nm and speed_radps scale the amplitudes. */
+/* Carried on to angle_rad, within 1e-9 however far; speed_radps scales the amplitudes. */
 struct plant_periodic plant_periodic_at(const struct plant_joint *j, struct plant_phases *p,
-                                        double angle_rad, double gear_nm, double speed_radps);
-double plant_lines_energy_j(const struct plant_joint *j, double angle_rad);
+                                        double angle_rad, double speed_radps);
+/* Of the lines that are conservative, at the state's angle and with its run's phases. */
+double plant_lines_energy_j(const struct plant_joint *j, const struct plant_state *s, int index);
 
 /* plant_motor.c: what the motor gives, output side, for a motor-side torque asked for. */
 double plant_motor_nm(const struct plant_joint *j, double tau_m_nm, double angle_rad, double warm);

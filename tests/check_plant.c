@@ -10,19 +10,9 @@
 #include <string.h>
 
 #include "sim/plant_parts.h"
-#include "tests/check_main.h"
-#include "tests/pa10_plant.h"
+#include "tests/plant_rod.h"
 
 enum { N = PA10_JOINTS };
-
-static const double zero_torque[PLANT_JOINTS_MAX] = { 0 };
-
-static void accept(struct plant_model *m)
-{
-    const char *why;
-    int ok = plant_model_check(m, &why) == 0;
-    ck_assert_msg(ok, "model refused: joint %d: %s", m->check_joint, ok ? "" : why);
-}
 
 static struct plant_model pa10_checked(void)
 {
@@ -31,50 +21,13 @@ static struct plant_model pa10_checked(void)
     return m;
 }
 
-/* One joint, axis level (y), a rod of 2 kg with its centre 0.5 m out along x; gravity down z. */
-static struct plant_model rod(void)
-{
-    struct plant_model m = { .joints = 1, .gravity_mps2 = { 0, 0, -9.81 } };
-    struct plant_joint *j = &m.joint[0];
-    static const double to_y[9] = { 1, 0, 0, 0, 0, 1, 0, -1, 0 };
-    memcpy(j->rot, to_y, sizeof to_y);
-    j->mass_kg = 2;
-    j->moment_kgm[0] = 1;
-    j->inertia_kgm2[0] = 0.01;
-    j->inertia_kgm2[3] = j->inertia_kgm2[5] = 0.7;
-    j->q_min_rad = -50;
-    j->q_max_rad = 50;
-    pa10_gear(j, 25);
-    j->rotor_kgm2_m = 1.2e-4;
-    j->tau_max_m_nm = 2;
-    j->friction[0] = (struct plant_friction){ 18, 17, 2.2, 0.043 };
-    j->friction[1] = (struct plant_friction){ 19, 18, 2.7, 0.040 };
-    j->damping_nmspr = 8;
-    return m;
-}
-
-/* The same without gravity and without friction. */
+/* The rod without gravity and without friction. */
 static struct plant_model free_rod(void)
 {
     struct plant_model m = rod();
     m.gravity_mps2[2] = 0;
     pa10_frictionless(&m);
     return m;
-}
-
-static void run(const struct plant_model *m, struct plant_state *s, double tau_m_nm, double span_s)
-{
-    double tau[PLANT_JOINTS_MAX];
-    for (int i = 0; i < PLANT_JOINTS_MAX; i++)
-        tau[i] = tau_m_nm;
-    for (double t = 0; t < span_s - 1e-9; t += 1e-3)
-        plant_step(m, s, tau, 1e-3);
-}
-
-/* Speed of the rotor, output side. */
-static double speed(const struct plant_model *m, const struct plant_state *s, int i)
-{
-    return s->thd_m_radps[i] / m->joint[i].ratio;
 }
 
 static void random_pose(uint64_t *rng, double *q)
