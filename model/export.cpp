@@ -15,6 +15,7 @@
 #include <Eigen/Dense>
 
 #include "model/arm_file.hpp"
+#include "model/terms.hpp"
 
 namespace hdt {
 
@@ -172,11 +173,6 @@ Matrix3d mat3(const double *p) { return Eigen::Map<const RowMajor3>(p); }
 double effort_nm(const hdt_arm_joint &j)
 {
     return j.ratio * (j.tau_max_m_nm > 0 ? j.tau_max_m_nm : j.tau_rated_m_nm);
-}
-
-double armature_kgm2(const hdt_arm_joint &j)
-{
-    return j.ratio * j.ratio * (j.rotor_kgm2_m + j.wave_generator_kgm2_m) + j.extra_inertia_kgm2;
 }
 
 // Where the link ends, in its own frame: the next joint's origin or the flange.
@@ -369,7 +365,7 @@ void mjcf_joint(Xml &x, const hdt_arm_joint &j, const ExportOptions &options)
     if (effort_nm(j) > 0)
         a.emplace_back("actuatorfrcrange", number(-effort_nm(j)) + " " + number(effort_nm(j)));
     if (options.armature)
-        a.emplace_back("armature", number(armature_kgm2(j)));
+        a.emplace_back("armature", number(reflected_inertia_kgm2(j)));
     x.leaf("joint", a);
 }
 
