@@ -28,6 +28,9 @@ struct ConditionOptions {
     double soft_margin_nm = 0;      // rows this close to the fall of the declared soft wind-up are masked; 0: none
 };
 
+// N.m around the fall of the declared soft wind-up that fits of small things leave out.
+inline constexpr double fall_margin_nm = 5;
+
 // Why rows were masked; a row is counted once, under the first reason that holds in the order
 // gap, spike, saturated, standstill, soft.
 struct MaskCount { std::size_t standstill = 0, spike = 0, saturated = 0, gap = 0, soft = 0; };

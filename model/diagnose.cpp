@@ -32,7 +32,6 @@ constexpr double kWorse = 1.5;             // held-out mean square may grow by t
 constexpr double kUnnamedFall = 0.03;      // what no effect explains must be worth a table
 constexpr double kPiece_s = 20;
 constexpr double kReversalGuard_s = 0.03;  // velocity estimate and gear wind-up settle within this
-constexpr double kSoftMargin_nm = 5;       // around the fall of the declared soft wind-up
 constexpr const char *kChainIds[] = {"payload", "base_tilt"};
 
 using Works = std::vector<std::unique_ptr<JointWork>>;
@@ -67,7 +66,7 @@ RunBlocks read_blocks(const hdt_arm &arm, const std::vector<Run> &runs, bool to_
     ConditionOptions co;
     co.block_s = options.block_s;
     co.reversal_guard_s = kReversalGuard_s;
-    co.soft_margin_nm = kSoftMargin_nm;
+    co.soft_margin_nm = fall_margin_nm;
     RunBlocks out;
     for (const Run &r : runs)
         out.push_back(block_rows(arm, condition(r, arm, co), r, to_fit));

@@ -203,7 +203,7 @@ MatrixXd two(const VectorXd &a, const VectorXd &b)
 }
 
 // Candidates of the load: payload, masses, tilt, offset, gain, springs.
-void add_load_families(std::vector<Family> *out, int joint, const std::vector<std::string> &poses,
+void add_load_families(std::vector<Family> *out, const hdt_arm &arm, int joint, const std::vector<std::string> &poses,
                        const std::vector<BlockRows> &runs)
 {
     const std::string q = name_of("q", joint);
@@ -223,6 +223,8 @@ void add_load_families(std::vector<Family> *out, int joint, const std::vector<st
     add(out, "load_friction", {"load", "direction"}, {{}}, [](const BlockRows &b, Point) -> MatrixXd {
         return b.dir.cwiseProduct(b.gravity.cwiseAbs());
     });
+    const double declared_mu = arm.joint[joint].load_mu;
+    out->back().plausible = [declared_mu](const VectorXd &th) { return declared_mu + th[0] > 0; };
     add(out, "torque_gain", {"torque"}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.total; });
     add(out, "cable_spring", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.q; });
     add(out, "link_mass", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.own; });
@@ -250,7 +252,7 @@ void add_motion_families(std::vector<Family> *out, int joint)
         },
         // cold friction is larger, never smaller, at a middling speed
         true, [](const VectorXd &th) { return th[0] + 0.2 * th[1] > 0; });
-    add(out, "presliding", {"travel", "direction"}, points({0.00025, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.032, 0.064}),
+    add(out, "presliding", {"travel", "direction"}, points({0.002, 0.004, 0.008, 0.016, 0.032, 0.064}),
         [](const BlockRows &b, Point p) -> MatrixXd {
             return -b.dir.cwiseProduct(b.built_up).cwiseProduct((-b.travel / p.x).array().exp().matrix());
         },
@@ -412,7 +414,7 @@ std::vector<Family> effect_families(const hdt_arm &arm, int joint, const std::ve
         if (moves(runs, k))
             poses.push_back(name_of("q", k));
     std::vector<Family> out;
-    add_load_families(&out, joint, poses, runs);
+    add_load_families(&out, arm, joint, poses, runs);
     add_motion_families(&out, joint);
     std::vector<Point> others;
     for (int k = 0; k < arm.joints; ++k)

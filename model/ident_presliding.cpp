@@ -100,6 +100,7 @@ std::vector<FitParameter> fit_presliding(const std::vector<Run> &runs, int numbe
     joint.presliding_nm = joint.presliding_rad = 0;
     ConditionOptions how;
     how.block_s = block_s;
+    how.soft_margin_nm = fall_margin_nm;
     std::vector<Sums> each;
     for (const Conditioned &c : condition_all(runs, arm, how))
         each.push_back(sums_of(c, arm_for_run(arm, c), number - 1));
@@ -123,7 +124,9 @@ std::vector<FitParameter> fit_presliding(const std::vector<Run> &runs, int numbe
     }
     erase_presliding(number, file);
     const double sigma = std::sqrt(torque_square), travel_sigma = std::sqrt(travel_square);
-    if (n < 2 || !(best.torque > clear_sigmas * sigma) || best.share < worth_share)
+    // what is missing at the turning point is friction the one way still, instead of the other
+    const double most = 2 * std::max(stribeck_nm(joint.friction[0], 0), stribeck_nm(joint.friction[1], 0));
+    if (n < 2 || !(best.torque > clear_sigmas * sigma) || best.share < worth_share || best.torque > most)
         return {};
     const std::string array = "joint." + std::to_string(number) + ".effect";
     file->append(array, {{"id", "presliding"}},
