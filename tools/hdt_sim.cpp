@@ -5,6 +5,7 @@
 
 #include "tools/hdt_cli.hpp"
 #include "tools/hdt_effects.hpp"
+#include "tools/hdt_format.hpp"
 #include "tools/hdt_rig.hpp"
 #include "tools/hdt_world.hpp"
 
@@ -14,9 +15,10 @@ namespace {
 
 struct SimOptions {
     std::string arm, model, task = "lemniscate", mode = "torque", out, effect_file;
+    std::string format = "A", integrator = "verlet";
     std::vector<std::string> effects;
     uint64_t seed = 1, individual = 0;
-    double payload_kg = 0;
+    double payload_kg = 0, arcnet_mbps = 0;
     bool terms = false;
 };
 
@@ -48,6 +50,17 @@ bool play(rig::World &world, drv_writer *writer, unsigned samples)
     return written;
 }
 
+void integrate_by(const std::string &name, plant_model *plant)
+{
+    if (name != "verlet" && name != "rk4")
+        throw InputError("--integrator: expected verlet or rk4, found " + name);
+    plant->integrator = name == "rk4" ? PLANT_RK4 : PLANT_VERLET;
+    plant->step_s = 0;
+    const char *why = nullptr;
+    if (plant_model_check(plant, &why) != 0)
+        throw InputError("--integrator " + name + ": " + why);
+}
+
 int run(const SimOptions &o)
 {
     hdt_arm arm = rig::load_arm(o.arm);
@@ -67,11 +80,18 @@ int run(const SimOptions &o)
     hdt_tables tables = rig::tables_of(model);
     plant_model plant = rig::plant_from_arm(arm, o.individual);
     rig::hide_all(plant, arm, o.effects, o.effect_file);
+    integrate_by(o.integrator, &plant);
 
     rig::WorldSetup setup;
     setup.mode = rig::mode_of(o.mode);
     setup.seed = o.seed;
     setup.records = 16;
+    setup.arcnet_mbps = o.arcnet_mbps;
+    setup.format = format_of(o.format, "loop:");
+    std::array<uint16_t, DRV_AXES> rated{};
+    if (setup.format == DRV_FORMAT_B)
+        rated = rated_mnm(arm, o.arm);
+    setup.rated_mnm = rated.data();
     Eigen::VectorXd start = reference.q_rad.row(0);
     rig::World world(tables, plant, fixed, model.control_rate_hz, {start.begin(), start.end()}, setup);
 
@@ -98,6 +118,9 @@ void add_sim(CLI::App &app, int &code)
     sub->add_option("--seed", o->seed, "this run's noise and scatter")->capture_default_str();
     sub->add_option("--individual", o->individual, "which specimen of the arm; 0 has the file's friction exactly")->capture_default_str();
     sub->add_option("--payload", o->payload_kg, "known payload, kg, at the flange; declared in the log");
+    sub->add_option("--arcnet", o->arcnet_mbps, "telegrams take the time of an ARCNET at this rate, Mbit/s (10, 5, 2.5, ...); 0: none");
+    sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")->capture_default_str();
+    sub->add_option("--integrator", o->integrator, "verlet (fast) or rk4 (the reference, 7 times slower)")->capture_default_str();
     sub->add_flag("--terms", o->terms, "also log every term's torque");
     sub->callback([o, &code] { code = run(*o); });
 }

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "driver/drv_host.h"
+#include "sim/arcnet.h"
 #include "sim/servo.h"
 #include "tools/hdt_rig.hpp"
 
@@ -23,13 +24,17 @@ struct WorldSetup {
     double settle_s = 0.2;             // held at the end of the reference
     uint64_t seed = 1;                 // this run's noise and scatter
     unsigned records = 0;              // room of the log ring, a power of two; 0: no log
+    double arcnet_mbps = 0;            // telegrams take an ARCNET's time at this rate; 0: none at all
+    drv_format format = DRV_FORMAT_A;
+    const uint16_t *rated_mnm = nullptr; // Format B: rated motor torque per joint, 0.001 N.m motor side
 };
 
 // One run.  Tables, plant and reference must outlive it and not change; worlds share nothing, so
 // several may run at once, each in a thread of its own.
 class World {
 public:
-    // The arm stands braked at the first sample.  Throws InputError when the core refuses the tables.
+    // The arm stands braked at the first sample.  Throws InputError when the core refuses the tables,
+    // or the ARCNET rate is none of the chip's.
     World(const hdt_tables &tables, const plant_model &plant, const FixedReference &reference, double rate_hz,
           const std::vector<double> &start_rad, const WorldSetup &setup);
     World(const World &) = delete;
@@ -49,12 +54,16 @@ private:
     double t_s_ = 0;
     uint64_t servo_ticks_ = 0;
     drv_loop loop_{};
+    arcnet_ring ring_line_{};
+    bool over_arcnet_ = false;
     hdt_bus host_bus_{}, servo_bus_{};
     drv_ring ring_{};
     std::vector<drv_record> slots_;
     std::unique_ptr<struct servo> driver_;
     std::unique_ptr<drv_host> host_;
 
+    void connect(const WorldSetup &setup);
+    void time_is(double t_s);
     void servo_until(double t_s);
 };
 
