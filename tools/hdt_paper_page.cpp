@@ -246,7 +246,8 @@ void figure_5(const Results &r, Page &page)
     }
     page.html.plot(plot_of("Fig. 5, joint 2: zero-mean torque at 0.01 rad/s and its two lines (part of the "
                            "range)", "rad",
-                           "N m", {series("measured", q, measured), series("two lines", q, fit)}));
+                           "N m", {series("measured", q, measured, Series::Points),
+                                   series("two lines", q, fit)}));
     const Spectrum s = spectrum(t);
     Series amplitude = series("", {}, {}, Series::Impulses);
     for (std::size_t k = 1; k < s.cycles_per_rad.size() && s.cycles_per_rad[k] <= 400; k++) {

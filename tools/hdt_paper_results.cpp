@@ -160,8 +160,8 @@ void measure_position(const Plan &plan, int joint, JointPosition *out)
         const double turns = std::floor((*high - *low - 0.02) / turn), middle = (*low + *high) / 2;
         out->turns[k] = along_motion(s, d, middle - turns * turn / 2, middle + turns * turn / 2,
                                      table_bin_rad);
-        // lines below half a cycle a turn of the wave generator are wander, not gear
-        out->lines[k] = find_lines(out->turns[k], 2, 0.5 / turn);
+        // eq. (8) begins at one cycle a turn of the wave generator; what is slower is friction's wander
+        out->lines[k] = find_lines(out->turns[k], 2, 0.9 / turn);
         const AngleTable &t = out->turns[k];
         const double mean = t.mean();
         for (std::size_t i = 0; i < t.nm.size(); i++) {
