@@ -172,6 +172,10 @@ $(BUILD)/gen/fmu_arm.c: $(BUILD)/fmu_gen model/arms/pa10.toml
 $(BUILD)/tests/check_fmu $(BUILD)/tests/fmu_direct: $(BUILD)/obj/gen/fmu_arm.o
 $(BUILD)/fmu_gen: $(call obj,tools/fmu_gen.cpp) $(filter %/hdt_rig.cpp.o %/hdt_effects.cpp.o,$(TOOLS)) $(LIBS)
 	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $^ $(LINK)
+# effects by name are tools
+$(BUILD)/tests/check_plant_effects: $(BUILD)/obj/tests/check_plant_effects.cpp.o \
+    $(filter %/hdt_rig.cpp.o %/hdt_effects.cpp.o,$(TOOLS)) $(LIBS)
+	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
 # the experiments of `hdt paper` are tools, all but the command itself
 $(BUILD)/tests/check_paper: $(BUILD)/obj/tests/check_paper.cpp.o $(filter-out %/hdt_paper.cpp.o,$(filter \
     %/hdt_rig.cpp.o %/hdt_effects.cpp.o %/hdt_world.cpp.o $(BUILD)/obj/tools/hdt_paper%,$(TOOLS))) $(LIBS)

@@ -76,6 +76,7 @@ double plant_lines_energy_j(const struct plant_joint *j, const struct plant_stat
     double energy = 0, angle = s->th_m_rad[index] / j->ratio;
     for (int i = 0; i < j->lines; i++)
         if (!j->line[i].directed)
-            energy -= j->line[i].amplitude_nm / j->line[i].order_rev * cos(turn_of(&j->line[i], s, index, angle));
+            energy -= j->line[i].amplitude_nm / j->line[i].order_rev
+                      * cos(turn_of(&j->line[i], s, index, angle));
     return energy;
 }

@@ -904,7 +904,7 @@ START_TEST(test_wall_mounted_arm_weighs_nothing_about_a_level_wall_s_normal)
         double q[N] = { 0, q2, 0, 0, 0, 0, 0 };
         plant_reset(&m, &s, q, 1);
         ck_assert_double_eq_tol(s.gear_nm[1], 0, 1e-9);
-        /* joint 1 carries what leans out from its axis: 80.4 N.m stretched out, as joint 2 on the floor */
+        /* joint 1 carries what leans out from its axis, as joint 2 does on the floor: 80.4 N.m */
         ck_assert_double_eq_tol(fabs(s.gear_nm[0]), 80.4 * fabs(sin(q2)), 0.6);
     }
 }
