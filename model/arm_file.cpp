@@ -166,6 +166,7 @@ std::string write_document(const Document &d)
         const std::string joint = "joint." + std::to_string(j);
         out += "\n[[joint]]\n";
         write_keys(d, "joint.#.", joint + ".", &out);
+        write_array(d, joint, "kinematic_error", &out);
         write_array(d, joint, "ripple", &out);
         write_array(d, joint, "effect", &out);
     }

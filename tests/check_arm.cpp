@@ -200,6 +200,12 @@ static const Wrong wrong_table[] = {
      "gear.t2 = { value = 10, unit = \"N m\", side = \"output\", confidence = \"low\", source = "
      "\"S\" }",
      "t.toml:25: joint.1.gear.t2: expected above t1 = 10, found 10"},
+    // the inside of the gear: all of it or nothing, and no more lost while driven than while driving
+    {29,
+     "mesh.soft_torque = { value = 10, unit = \"N m\", side = \"output\", confidence = \"low\", source = "
+     "\"S\" }",
+     "t.toml:29: joint.1.mesh.soft_stiffness: expected with its group (soft_torque, soft_stiffness, "
+     "hard_stiffness, drive_loss, back_loss, drive_load, back_load), found nothing"},
     {18,
      "limits.position = { value = [3, -3], unit = \"rad\", confidence = \"high\", source = \"S\" }",
      "t.toml:18: joint.1.limits.position: expected the lower limit first, found 3, -3"},
@@ -445,6 +451,38 @@ static void keep_numbers(hdt_arm *arm)
             clear_padding(&line);
     }
 }
+
+// A gear's inside, all seven numbers; loss while driven as given.
+static std::string mesh_text(const char *back_loss)
+{
+    const std::pair<const char *, const char *> numbers[] = {
+        {"soft_torque", "10"},  {"soft_stiffness", "1000"}, {"hard_stiffness", "9000"}, {"drive_loss", "3"},
+        {"back_loss", back_loss}, {"drive_load", "0.1"},    {"back_load", "0.2"}};
+    std::string text;
+    for (const auto &[name, value] : numbers) {
+        const std::string key(name);
+        const char *unit = key.find("stiffness") != std::string::npos ? "N m/rad" : key.find("load") != std::string::npos ? "N m/N m" : "N m";
+        text += "mesh." + key + " = { value = " + value + ", unit = \"" + unit
+                + "\", side = \"output\", confidence = \"low\", source = \"S\" }\n";
+    }
+    return text;
+}
+
+START_TEST(test_inside_of_the_gear_is_read_whole_and_in_order)
+{
+    const std::string base = changed(29, mesh_text("1").c_str());
+    ck_assert_str_eq(message_of(base).c_str(), "");
+    const std::string wrong = message_of(changed(29, mesh_text("4").c_str()));
+    ck_assert_msg(wrong.find("joint.1.mesh.back_loss: expected at most drive_loss = 3, found 4") != std::string::npos,
+                  "%s", wrong.c_str());
+    const hdt_arm arm = hdt::ArmFile::load(pa10_path).arm();
+    for (int j = 0; j < arm.joints; j++) {
+        ck_assert_int_eq(arm.joint[j].has_mesh, 1);
+        ck_assert_int_eq(arm.joint[j].errors, 1);
+        ck_assert_double_eq(arm.joint[j].error[0].order_rev, 2 * arm.joint[j].ratio);
+    }
+}
+END_TEST
 
 static void assert_same_numbers(const hdt_arm &a, const hdt_arm &b)
 {
@@ -902,6 +940,7 @@ static Suite *arm_suite(void)
     suite_add_tcase(suite, document);
     TCase *pa10 = tcase_create("pa10");
     tcase_add_test(pa10, test_friction_is_equation_seven_with_table_two);
+    tcase_add_test(pa10, test_inside_of_the_gear_is_read_whole_and_in_order);
     tcase_add_test(pa10, test_ripple_orders_are_table_three_in_wave_generator_turns);
     tcase_add_test(pa10, test_wind_up_is_table_five_continuous_and_joint_signed);
     tcase_add_test(pa10, test_pa10_gains_limits_and_inertia_are_those_of_the_sources);
