@@ -23,18 +23,6 @@ enum { REFRESH = 16, J = PLANT_JOINTS_MAX };
 
 /* ---- what one instant is ---- */
 
-/* What stays the same over a block of inner steps. */
-struct block {
-    int n;
-    struct plant_chain chain;
-    double asked_m_nm[J];                 /* motor torque asked for                 */
-    double motor_nm[J];                   /* given, output side                     */
-    double outside_nm[J];                 /* contact and vibration, on the link     */
-    double inertia[J], per_ratio[J];
-    struct plant_rub rub[J];
-    struct plant_phases phases[J];
-};
-
 /* Torques of one joint at one instant. */
 struct joint_now {
     double mesh_rad;
@@ -43,6 +31,20 @@ struct joint_now {
     double link_nm;                       /* on the link, before inertia and gravity */
     double directed_nm;                   /* periodic friction                        */
     double sense, dry_nm;                 /* plant_rub_dry_nm for this sense          */
+};
+
+/* What stays the same over a block of inner steps. */
+struct block {
+    int n, elastic;                       /* joints; has any of them presliding?     */
+    int varies[J];                        /* is anything below to be made anew with time? */
+    struct plant_chain chain;
+    struct plant_gear gear[J];
+    double asked_m_nm[J];                 /* motor torque asked for                 */
+    double motor_nm[J];                   /* given, output side                     */
+    double outside_nm[J];                 /* contact and vibration, on the link     */
+    double inertia[J], per_inertia[J], per_ratio[J];
+    struct plant_rub rub[J];
+    struct plant_phases phases[J];
 };
 
 /* fmax costs a call. */
@@ -57,12 +59,12 @@ static double cable_nm(const struct plant_joint *j, double q_rad)
 }
 
 /* Mesh and the torques of gear and wave generator; less_nm: part of the mesh's loss that is not there. */
-static void mesh_at(const struct plant_joint *j, double less_nm, double th, double ahead, double mesh,
-                    struct joint_now *now)
+static void mesh_at(const struct plant_joint *j, const struct plant_gear *g, double less_nm, double th,
+                    double ahead, double mesh, struct joint_now *now)
 {
-    now->mesh_rad = plant_mesh_slip(j, less_nm, th, ahead, mesh);
-    now->wave_nm = plant_wave_nm(j, th - now->mesh_rad);
-    now->gear_nm = plant_gear_nm(j, now->mesh_rad - ahead);
+    now->mesh_rad = plant_mesh_slip(j, g, less_nm, th, ahead, mesh);
+    now->wave_nm = plant_wave_at_nm(j, g, th - now->mesh_rad);
+    now->gear_nm = plant_gear_at_nm(j, g, now->mesh_rad - ahead);
 }
 
 /* Everything on joint i at rotor angle th (output side) and speed w, link angle q and speed v; mesh:
@@ -71,13 +73,16 @@ static void joint_at(const struct plant_model *m, struct block *b, int i, double
                      double q, double v, double mesh, struct joint_now *now)
 {
     const struct plant_joint *j = &m->joint[i];
-    struct plant_periodic p = plant_periodic_at(j, &b->phases[i], th, w);
+    const struct plant_gear *g = &b->gear[i];
+    struct plant_periodic p = { 0 };
+    if (j->lines + j->errors > 0)
+        p = plant_periodic_at(j, &b->phases[i], th, w);
     double ahead = q - p.error_rad, damping = j->damping_nmspr * (w - v);
     if (j->soft_nm > 0) {
-        mesh_at(j, 0, th, ahead, mesh, now);
+        mesh_at(j, g, 0, th, ahead, mesh, now);
     } else {
         now->mesh_rad = th;
-        now->wave_nm = now->gear_nm = plant_gear_nm(j, th - ahead);
+        now->wave_nm = now->gear_nm = plant_gear_at_nm(j, g, th - ahead);
     }
     double load = fabs(now->gear_nm + damping), wave = fabs(now->wave_nm);
     now->directed_nm = p.directed_nm + p.directed_per * load;
@@ -87,38 +92,67 @@ static void joint_at(const struct plant_model *m, struct block *b, int i, double
     now->dry_nm = plant_rub_dry_nm(j, &b->rub[i], now->sense, now->sense * w, now->gear_nm + damping,
                                    now->directed_nm);
     if (now->dry_nm < 0 && j->soft_nm > 0) /* what lines take beyond the rotor's friction, the mesh gives */
-        mesh_at(j, now->dry_nm, th, ahead, mesh, now);
+        mesh_at(j, g, now->dry_nm, th, ahead, mesh, now);
     now->rotor_nm = b->motor_nm[i] - now->wave_nm - now->gear_nm * p.error_slope - damping
                     - p.torque_nm - p.torque_per * load;
     now->gear_nm += damping;
-    now->link_nm = now->gear_nm - cable_nm(j, q) + plant_stop_nm(j, q, v) + b->outside_nm[i];
+    now->link_nm = now->gear_nm - cable_nm(j, q) + b->outside_nm[i];
+    if (q > j->q_max_rad || q < j->q_min_rad)
+        now->link_nm += plant_stop_nm(j, q, v);
 }
 
-static void block_begin(const struct plant_model *m, const double *tau_m_nm, struct block *b)
+/* Do torques that are taken as constant for a step or a few depend on time, angle or age? */
+static int varies(const struct plant_joint *j)
+{
+    return j->fx_warm_s > 0 || j->wander_sigma_nm > 0 || j->fx_dwell_nm != 0 || j->fx_local_nm != 0
+           || j->fx_current_ripple != 0 || j->fx_vibration_nm != 0;
+}
+
+static void block_begin(const struct plant_model *m, struct plant_state *s, const double *tau_m_nm,
+                        struct block *b)
 {
     b->n = m->joints;
+    b->elastic = 0;
     plant_chain_prepare(m, &b->chain);
     for (int i = 0; i < b->n; i++) {
+        const struct plant_joint *j = &m->joint[i];
         b->asked_m_nm[i] = tau_m_nm[i];
-        b->inertia[i] = plant_rotor_kgm2(&m->joint[i]);
-        b->per_ratio[i] = 1 / m->joint[i].ratio;
+        b->inertia[i] = plant_rotor_kgm2(j);
+        b->per_inertia[i] = 1 / b->inertia[i];
+        b->per_ratio[i] = 1 / j->ratio;
+        b->varies[i] = varies(j);
+        b->elastic |= j->fx_presliding_nm > 0;
+        if (!(j->fx_presliding_nm > 0))
+            s->dahl_nm[i] = 0; /* nothing is left of it when it ends */
+        plant_gear_prepare(j, &b->gear[i]);
+        plant_rub_begin(j, &b->rub[i]);
     }
 }
 
-/* The slow things at the state's instant, for the next span_s. */
+/* Sines of everything periodic, at the state's angles. */
+static void block_phases(const struct plant_model *m, const struct plant_state *s, struct block *b)
+{
+    for (int i = 0; i < b->n; i++)
+        if (m->joint[i].lines + m->joint[i].errors > 0)
+            plant_phases_set(&m->joint[i], s, i, &b->phases[i]);
+}
+
+/* The slow things at the state's instant, for the next span_s; all: also what does not vary. */
 static void block_refresh(const struct plant_model *m, const struct plant_state *s, double t_s,
-                          double span_s, struct block *b)
+                          double span_s, int all, struct block *b)
 {
     for (int i = 0; i < b->n; i++) {
         const struct plant_joint *j = &m->joint[i];
-        double turn = 6.283185307179586 * j->fx_vibration_hz * (t_s + span_s / 2);
+        if (!b->varies[i] && !all)
+            continue;
         b->motor_nm[i] =
             plant_motor_nm(j, b->asked_m_nm[i], s->th_m_rad[i] * b->per_ratio[i], s->warm[i]);
         b->outside_nm[i] = -j->fx_contact_nm;
         if (j->fx_vibration_nm != 0)
-            b->outside_nm[i] += j->fx_vibration_nm * sin(turn + s->phase_rad[i]);
+            b->outside_nm[i] += j->fx_vibration_nm
+                                * sin(6.283185307179586 * j->fx_vibration_hz * (t_s + span_s / 2)
+                                      + s->phase_rad[i]);
         plant_rub_prepare(j, s, i, &b->rub[i]);
-        plant_phases_set(j, s, i, &b->phases[i]);
     }
 }
 
@@ -235,12 +269,11 @@ static void verlet_step(const struct plant_model *m, struct plant_state *s, stru
     drift(b, s, h_s / 2);
 }
 
-static void verlet_block(const struct plant_model *m, struct plant_state *s, struct block *b,
-                         double t_s, int count, double h_s)
+static void verlet_block(const struct plant_model *m, struct plant_state *s, struct block *b, int count,
+                         double h_s)
 {
     struct links l;
     double q[J];
-    block_refresh(m, s, t_s, count * h_s, b);
     for (int i = 0; i < b->n; i++)
         q[i] = s->q_rad[i] + s->qd_radps[i] * count * h_s / 2;
     links_at(b, q, s->qd_radps, &l);
@@ -256,16 +289,18 @@ struct motion { double q[J], qd[J], th[J], w[J], dahl[J]; };
 /* What is fixed for one step: sense of every rotor, 0: it stands. */
 struct sticking { double sense[J]; };
 
-static void motion_add(int n, const struct motion *a, const struct motion *rate, double h,
+/* out = a + h rate; presliding only where there is some. */
+static void motion_add(const struct block *b, const struct motion *a, const struct motion *rate, double h,
                        struct motion *out)
 {
-    for (int i = 0; i < n; i++) {
+    for (int i = 0; i < b->n; i++) {
         out->q[i] = a->q[i] + h * rate->q[i];
         out->qd[i] = a->qd[i] + h * rate->qd[i];
         out->th[i] = a->th[i] + h * rate->th[i];
         out->w[i] = a->w[i] + h * rate->w[i];
-        out->dahl[i] = a->dahl[i] + h * rate->dahl[i];
     }
+    for (int i = 0; i < b->n && b->elastic; i++)
+        out->dahl[i] = a->dahl[i] + h * rate->dahl[i];
 }
 
 static double rotor_rate(const struct plant_joint *j, const struct block *b, int i, double sense,
@@ -276,34 +311,33 @@ static double rotor_rate(const struct plant_joint *j, const struct block *b, int
                                              : plant_rub_dry_nm(j, &b->rub[i], sense, along,
                                                                 now->gear_nm, now->directed_nm));
     *friction_nm = sense * (dry + b->rub[i].viscous_nmspr[sense < 0] * along) + x->dahl[i];
-    return (now->rotor_nm - *friction_nm) / b->inertia[i];
+    return (now->rotor_nm - *friction_nm) * b->per_inertia[i];
 }
 
-/* Rates at x; the friction, gear and wave torques go into s as outputs. */
+/* Rates at x, with the joints as they are there; friction torques go into s. */
 static void rates(const struct plant_model *m, struct block *b, struct plant_state *s,
-                  const struct sticking *st, const struct motion *x, struct motion *rate)
+                  const struct sticking *st, const struct motion *x, struct motion *rate,
+                  struct joint_now *now)
 {
     plant_matrix mass, factor;
     double bias[J], link_nm[J];
     for (int i = 0; i < b->n; i++) {
         const struct plant_joint *j = &m->joint[i];
-        struct joint_now now;
-        joint_at(m, b, i, x->th[i], x->w[i], x->q[i], x->qd[i], s->mesh_rad[i], &now);
-        link_nm[i] = now.link_nm;
+        joint_at(m, b, i, x->th[i], x->w[i], x->q[i], x->qd[i], s->mesh_rad[i], &now[i]);
         rate->q[i] = x->qd[i];
         rate->th[i] = x->w[i];
         rate->w[i] = rate->dahl[i] = 0;
-        s->friction_nm[i] = now.rotor_nm;
+        s->friction_nm[i] = now[i].rotor_nm;
         if (st->sense[i] == 0)
             continue;
-        rate->w[i] = rotor_rate(j, b, i, st->sense[i], x, &now, &s->friction_nm[i]);
+        rate->w[i] = rotor_rate(j, b, i, st->sense[i], x, &now[i], &s->friction_nm[i]);
         if (b->rub[i].elastic_nm > 0)
             rate->dahl[i] = fabs(x->w[i]) / j->fx_presliding_rad
                             * (st->sense[i] * b->rub[i].elastic_nm - x->dahl[i]);
     }
     plant_chain_terms(&b->chain, x->q, x->qd, mass, bias);
     for (int i = 0; i < b->n; i++)
-        link_nm[i] -= bias[i];
+        link_nm[i] = now[i].link_nm - bias[i];
     if (plant_factor(b->n, mass, factor) < 0)
         memset(rate->qd, 0, sizeof rate->qd); /* refused by the check */
     else
@@ -330,54 +364,67 @@ static void decide(const struct plant_model *m, struct block *b, struct plant_st
     }
 }
 
-static void settle(const struct plant_model *m, struct block *b, struct plant_state *s,
-                   const struct sticking *st, const struct motion *x)
+/* A rotor that has turned back stays where it is if friction holds it there. */
+static double settled_radps(const struct plant_model *m, struct block *b, const struct plant_state *s,
+                            const struct sticking *st, const struct motion *x, int i)
+{
+    struct joint_now now;
+    if (st->sense[i] == 0)
+        return 0;
+    if (st->sense[i] * x->w[i] > 0)
+        return x->w[i];
+    joint_at(m, b, i, x->th[i], 0, x->q[i], x->qd[i], s->mesh_rad[i], &now);
+    return fabs(now.rotor_nm - x->dahl[i]) <= more(now.dry_nm, 0) ? 0 : x->w[i];
+}
+
+static void motion_get(const struct block *b, const struct plant_state *s, struct motion *x)
 {
     for (int i = 0; i < b->n; i++) {
-        const struct plant_joint *j = &m->joint[i];
-        double w = x->w[i];
-        struct joint_now now;
-        if (st->sense[i] * w <= 0) { /* it has turned back: does friction hold it there? */
-            joint_at(m, b, i, x->th[i], 0, x->q[i], x->qd[i], s->mesh_rad[i], &now);
-            if (st->sense[i] == 0 || fabs(now.rotor_nm - x->dahl[i]) <= more(now.dry_nm, 0))
-                w = 0;
-        }
-        joint_at(m, b, i, x->th[i], w, x->q[i], x->qd[i], s->mesh_rad[i], &now);
-        s->q_rad[i] = x->q[i];
-        s->qd_radps[i] = x->qd[i];
-        s->th_m_rad[i] = x->th[i] * j->ratio;
-        s->thd_m_radps[i] = w * j->ratio;
-        s->dahl_nm[i] = x->dahl[i];
-        s->mesh_rad[i] = now.mesh_rad;
-        s->gear_nm[i] = now.gear_nm;
-        s->wave_nm[i] = now.wave_nm;
+        x->q[i] = s->q_rad[i];
+        x->qd[i] = s->qd_radps[i];
+        x->th[i] = s->th_m_rad[i] * b->per_ratio[i];
+        x->w[i] = s->locked >> i & 1 ? 0 : s->thd_m_radps[i] * b->per_ratio[i];
+        x->dahl[i] = s->dahl_nm[i];
     }
 }
 
-static void rk4_step(const struct plant_model *m, struct plant_state *s, struct block *b, double t_s,
-                     double h_s)
+static void motion_put(const struct plant_model *m, struct block *b, const struct sticking *st,
+                       const struct motion *x, struct plant_state *s)
 {
-    static const double at[] = { 0, 0.5, 0.5, 1 }, weight[] = { 1, 2, 2, 1 };
-    struct motion x, stage, rate, sum;
-    struct sticking st;
-    memset(&sum, 0, sizeof sum);
-    memset(&rate, 0, sizeof rate);
-    block_refresh(m, s, t_s, h_s, b);
     for (int i = 0; i < b->n; i++) {
-        x.q[i] = s->q_rad[i];
-        x.qd[i] = s->qd_radps[i];
-        x.th[i] = s->th_m_rad[i] * b->per_ratio[i];
-        x.w[i] = s->locked >> i & 1 ? 0 : s->thd_m_radps[i] * b->per_ratio[i];
-        x.dahl[i] = s->dahl_nm[i];
+        double ratio = m->joint[i].ratio, w = settled_radps(m, b, s, st, x, i);
+        s->q_rad[i] = x->q[i];
+        s->qd_radps[i] = x->qd[i];
+        if (st->sense[i] != 0) /* angle times 1 / ratio times ratio need not come back */
+            s->th_m_rad[i] = x->th[i] * ratio;
+        s->thd_m_radps[i] = w * ratio;
+        if (b->elastic)
+            s->dahl_nm[i] = x->dahl[i];
     }
+}
+
+/* The mesh comes to where the step began with the first stage, and is held there for the others. */
+static void rk4_step(const struct plant_model *m, struct plant_state *s, struct block *b, double h_s)
+{
+    static const double at[] = { 0.5, 0.5, 1 }, weight[] = { 2, 2, 1 };
+    struct motion x, stage, rate, sum;
+    struct joint_now now[J];
+    struct sticking st;
+    motion_get(b, s, &x);
+    memcpy(stage.dahl, x.dahl, sizeof stage.dahl);
     decide(m, b, s, &x, &st);
-    for (int k = 0; k < 4; k++) {
-        motion_add(b->n, &x, &rate, at[k] * h_s, &stage);
-        rates(m, b, s, &st, &stage, &rate);
-        motion_add(b->n, &sum, &rate, weight[k] / 6, &sum);
+    rates(m, b, s, &st, &x, &sum, now);
+    for (int i = 0; i < b->n; i++)
+        s->mesh_rad[i] = now[i].mesh_rad;
+    motion_add(b, &x, &sum, h_s / 2, &stage);
+    for (int k = 0; k < 3; k++) {
+        if (k > 0)
+            motion_add(b, &x, &rate, at[k] * h_s, &stage);
+        rates(m, b, s, &st, &stage, &rate, now);
+        motion_add(b, &sum, &rate, weight[k], &sum);
     }
-    motion_add(b->n, &x, &sum, h_s, &x);
-    settle(m, b, s, &st, &x);
+    motion_add(b, &x, &sum, h_s / 6, &x);
+    motion_put(m, b, &st, &x, s);
 }
 
 /* ---- step ---- */
@@ -390,7 +437,7 @@ void plant_step(const struct plant_model *base, struct plant_state *s, const dou
     struct plant_model scratch;
     const struct plant_model *m = plant_now(base, s->t_s, &scratch);
     struct block b;
-    block_begin(m, tau_m_nm, &b);
+    block_begin(m, s, tau_m_nm, &b);
     /* a last sliver of a step from rounding is not worth a step */
     long steps = (long)ceil(dt_s / m->step_s - 1e-6), done = 0;
     steps = steps < 1 ? 1 : steps;
@@ -399,23 +446,26 @@ void plant_step(const struct plant_model *base, struct plant_state *s, const dou
         long left = steps - done;
         int count = m->integrator == PLANT_RK4 ? 1 : left < REFRESH ? (int)left : REFRESH;
         double t_s = s->t_s + (double)done * h_s;
+        block_refresh(m, s, t_s, count * h_s, done == 0, &b);
+        if (m->integrator == PLANT_VERLET || done % REFRESH == 0)
+            block_phases(m, s, &b);
         if (m->integrator == PLANT_RK4)
-            rk4_step(m, s, &b, t_s, h_s);
+            rk4_step(m, s, &b, h_s);
         else
-            verlet_block(m, s, &b, t_s, count, h_s);
+            verlet_block(m, s, &b, count, h_s);
         for (int i = 0; i < b.n; i++)
-            plant_rub_age(&m->joint[i], s, i, count * h_s);
+            if (b.varies[i])
+                plant_rub_age(&m->joint[i], s, i, count * h_s);
         done += count;
     }
-    if (m->integrator == PLANT_VERLET)
-        for (int i = 0; i < b.n; i++) {
-            struct joint_now now;
-            joint_at(m, &b, i, s->th_m_rad[i] * b.per_ratio[i], s->thd_m_radps[i] * b.per_ratio[i],
-                     s->q_rad[i], s->qd_radps[i], s->mesh_rad[i], &now);
-            s->mesh_rad[i] = now.mesh_rad;
-            s->gear_nm[i] = now.gear_nm;
-            s->wave_nm[i] = now.wave_nm;
-        }
+    for (int i = 0; i < b.n; i++) {
+        struct joint_now now;
+        joint_at(m, &b, i, s->th_m_rad[i] * b.per_ratio[i], s->thd_m_radps[i] * b.per_ratio[i],
+                 s->q_rad[i], s->qd_radps[i], s->mesh_rad[i], &now);
+        s->mesh_rad[i] = now.mesh_rad;
+        s->gear_nm[i] = now.gear_nm;
+        s->wave_nm[i] = now.wave_nm;
+    }
     s->t_s += dt_s;
 }
 

@@ -3,12 +3,35 @@
  * Friction of one rotor: two-sided Stribeck with true stiction, and the slow and hidden effects that
  * ride on it (run scatter, wander, cold start, load, presliding, dwell, dry spot, drag).
  *
- * Owns: the friction law and its implicit solution; the random numbers of the plant.
+ * Owns: the friction law and its implicit solution; exp(-x) for it; the random numbers of the plant.
  * Never: knows the chain or the mesh.
  */
 #include <math.h>
+#include <string.h>
 
 #include "sim/plant_parts.h"
+
+/* x = n ln 2 / 16 - r with |r| <= ln 2 / 32: a power of two, one of sixteen roots of it, and the series
+ * of exp(r), whose next term is below 5e-16. */
+double plant_decay(double x)
+{
+    static const double PER_PART = 23.083120654223414, PART_HIGH = 6.93147180369123816490e-01 / 16,
+                        PART_LOW = 1.90821492927058770002e-10 / 16;
+    static const double ROOT[16] = { /* 2^(-k / 16) */
+        1.0, 0.9576032806985737, 0.9170040432046712, 0.8781260801866497,
+        0.8408964152537145, 0.8052451659746271, 0.7711054127039704, 0.7384130729697497,
+        0.7071067811865476, 0.6771277734684463, 0.6484197773255048, 0.620928906036742,
+        0.5946035575013605, 0.5693943173783458, 0.5452538663326288, 0.5221368912137069
+    };
+    if (!(x < 700))
+        return 0;
+    int64_t n = (int64_t)(x * PER_PART + 0.5), bits = (1023 - (n >> 4)) << 52;
+    double r = (double)n * PART_HIGH - x + (double)n * PART_LOW, r2 = r * r, power;
+    memcpy(&power, &bits, sizeof power);
+    double tail = 1.0 / 24 + r * (1.0 / 120) + r2 * (1.0 / 720);
+    double series = 1 + r + r2 * (1.0 / 2 + r * (1.0 / 6) + r2 * tail);
+    return power * ROOT[n & 15] * series;
+}
 
 static double dwell_nm(const struct plant_joint *j, const struct plant_state *s, int index)
 {
@@ -17,12 +40,20 @@ static double dwell_nm(const struct plant_joint *j, const struct plant_state *s,
     return j->fx_dwell_nm * log10(1 + s->still_s[index]) * exp(-s->since_rad[index] / j->fx_dwell_rad);
 }
 
-static double local_nm(const struct plant_joint *j, double angle_rad)
+static double local_nm(const struct plant_joint *j, const struct plant_state *s, int index)
 {
     if (j->fx_local_nm == 0)
         return 0;
-    double x = (angle_rad - j->fx_local_rad) / j->fx_local_width_rad;
+    double x = (s->th_m_rad[index] / j->ratio - j->fx_local_rad) / j->fx_local_width_rad;
     return j->fx_local_nm * exp(-x * x);
+}
+
+void plant_rub_begin(const struct plant_joint *j, struct plant_rub *rub)
+{
+    rub->more = j->fx_load_mu != 0 || j->fx_drive_mu != 0 || j->fx_slow_nm != 0
+                || j->fx_quadratic_nms2prad2 != 0;
+    for (int d = 0; d < 2; d++)
+        rub->per_vc_spr[d] = j->friction[d].fs_nm != 0 ? 1 / j->friction[d].vc_radps : 0;
 }
 
 void plant_rub_prepare(const struct plant_joint *j, const struct plant_state *s, int index,
@@ -30,7 +61,7 @@ void plant_rub_prepare(const struct plant_joint *j, const struct plant_state *s,
 {
     double cold = j->fx_warm_s > 0 ? 1 - s->warm[index] : 0;
     double more_nm = s->run_coulomb_nm[index] + s->wander_nm[index] + j->fx_drag_nm
-                     + dwell_nm(j, s, index) + local_nm(j, s->th_m_rad[index] / j->ratio);
+                     + dwell_nm(j, s, index) + local_nm(j, s, index);
     rub->elastic_nm = j->fx_presliding_nm / 2;
     for (int d = 0; d < 2; d++) {
         const struct plant_friction *f = &j->friction[d];
@@ -44,15 +75,16 @@ void plant_rub_prepare(const struct plant_joint *j, const struct plant_state *s,
 double plant_rub_dry_nm(const struct plant_joint *j, const struct plant_rub *rub, double sense,
                         double along_radps, double gear_nm, double directed_nm)
 {
-    const struct plant_friction *f = &j->friction[sense < 0];
-    double v = along_radps > 0 ? along_radps : 0;
-    double dry = rub->coulomb_nm[sense < 0] + directed_nm + j->fx_load_mu * fabs(gear_nm);
-    if (sense * gear_nm > 0)
-        dry += j->fx_drive_mu * sense * gear_nm;
-    if (f->fs_nm != 0 && v > 0)
-        dry += f->fs_nm * (1 - exp(-v / f->vc_radps));
+    int side = sense < 0;
+    double v = along_radps > 0 ? along_radps : 0, x = v * rub->per_vc_spr[side];
+    double dry = rub->coulomb_nm[side] + directed_nm, fs = j->friction[side].fs_nm;
+    if (x > 0)
+        dry += x < 38 ? fs * (1 - plant_decay(x)) : fs; /* 1 - exp(-38) is 1 */
+    if (!rub->more)
+        return dry;
+    dry += j->fx_load_mu * fabs(gear_nm) + j->fx_drive_mu * fmax(0, sense * gear_nm);
     if (j->fx_slow_nm != 0)
-        dry += j->fx_slow_nm * exp(-v / j->fx_slow_radps);
+        dry += j->fx_slow_nm * plant_decay(v / j->fx_slow_radps);
     return dry + j->fx_quadratic_nms2prad2 * v * v;
 }
 

@@ -15,14 +15,31 @@
 
 #include "sim/plant_parts.h"
 
+void plant_gear_prepare(const struct plant_joint *j, struct plant_gear *g)
+{
+    const struct plant_mesh *m = &j->mesh;
+    g->corner_rad[0] = j->t_nm[0] / j->k_nmprad[0];
+    g->corner_rad[1] = g->corner_rad[0] + (j->t_nm[1] - j->t_nm[0]) / j->k_nmprad[1];
+    g->soft_rad = j->soft_nm > 0 ? j->soft_nm / j->soft_nmprad : 0;
+    g->loss_slope = j->soft_nm > 0 ? (m->drive_nm - m->back_nm) / (2 * j->soft_nm) : 0;
+}
+
+/* Value and slope of a piecewise linear law. */
+struct slope { double value, slope; };
+
+static inline struct slope gear_at(const struct plant_joint *j, const struct plant_gear *g,
+                                   double windup_rad)
+{
+    double d = fabs(windup_rad);
+    double slope = j->k_nmprad[d <= g->corner_rad[0] ? 0 : d <= g->corner_rad[1] ? 1 : 2];
+    return (struct slope){ plant_gear_at_nm(j, g, windup_rad), slope };
+}
+
 double plant_gear_nm(const struct plant_joint *j, double delta_rad)
 {
-    const double *k = j->k_nmprad;
-    double d = fabs(delta_rad), d1 = j->t_nm[0] / k[0], d2 = d1 + (j->t_nm[1] - j->t_nm[0]) / k[1];
-    double torque = d <= d1   ? k[0] * d
-                    : d <= d2 ? j->t_nm[0] + k[1] * (d - d1)
-                              : j->t_nm[1] + k[2] * (d - d2);
-    return delta_rad < 0 ? -torque : torque;
+    struct plant_gear g;
+    plant_gear_prepare(j, &g);
+    return plant_gear_at_nm(j, &g, delta_rad);
 }
 
 double plant_gear_windup_rad(const struct plant_joint *j, double torque_nm)
@@ -53,11 +70,27 @@ double plant_gear_energy_j(const struct plant_joint *j, double delta_rad)
 
 /* ---- wave generator ---- */
 
+static inline struct slope wave_at(const struct plant_joint *j, const struct plant_gear *g,
+                                   double windup_rad)
+{
+    double d = fabs(windup_rad), edge = g->soft_rad;
+    struct slope at = d <= edge ? (struct slope){ j->soft_nmprad * d, j->soft_nmprad }
+                                : (struct slope){ j->soft_nm + j->hard_nmprad * (d - edge), j->hard_nmprad };
+    if (windup_rad < 0)
+        at.value = -at.value;
+    return at;
+}
+
+double plant_wave_at_nm(const struct plant_joint *j, const struct plant_gear *g, double windup_rad)
+{
+    return wave_at(j, g, windup_rad).value;
+}
+
 double plant_wave_nm(const struct plant_joint *j, double windup_rad)
 {
-    double d = fabs(windup_rad), edge = j->soft_nm / j->soft_nmprad;
-    double torque = d <= edge ? j->soft_nmprad * d : j->soft_nm + j->hard_nmprad * (d - edge);
-    return windup_rad < 0 ? -torque : torque;
+    struct plant_gear g;
+    plant_gear_prepare(j, &g);
+    return plant_wave_at_nm(j, &g, windup_rad);
 }
 
 double plant_wave_windup_rad(const struct plant_joint *j, double torque_nm)
@@ -79,33 +112,9 @@ double plant_wave_energy_j(const struct plant_joint *j, double windup_rad)
 
 /* ---- mesh ---- */
 
-/* Value and slope of a piecewise linear law. */
-struct slope { double value, slope; };
-
-static struct slope wave_at(const struct plant_joint *j, double windup_rad)
-{
-    double edge = j->soft_nm / j->soft_nmprad;
-    if (fabs(windup_rad) <= edge)
-        return (struct slope){ j->soft_nmprad * windup_rad, j->soft_nmprad };
-    double beyond = windup_rad > 0 ? windup_rad - edge : windup_rad + edge;
-    return (struct slope){ (windup_rad > 0 ? j->soft_nm : -j->soft_nm) + j->hard_nmprad * beyond,
-                           j->hard_nmprad };
-}
-
-static struct slope gear_at(const struct plant_joint *j, double windup_rad)
-{
-    const double *k = j->k_nmprad;
-    double d = fabs(windup_rad), d1 = j->t_nm[0] / k[0], d2 = d1 + (j->t_nm[1] - j->t_nm[0]) / k[1];
-    struct slope g = d <= d1   ? (struct slope){ k[0] * d, k[0] }
-                     : d <= d2 ? (struct slope){ j->t_nm[0] + k[1] * (d - d1), k[1] }
-                               : (struct slope){ j->t_nm[1] + k[2] * (d - d2), k[2] };
-    if (windup_rad < 0)
-        g.value = -g.value;
-    return g;
-}
-
 /* Loss over wave torque along the motion. */
-static struct slope loss_at(const struct plant_joint *j, double along_nm)
+static inline struct slope loss_at(const struct plant_joint *j, const struct plant_gear *g,
+                                   double along_nm)
 {
     const struct plant_mesh *m = &j->mesh;
     double soft = j->soft_nm;
@@ -113,39 +122,43 @@ static struct slope loss_at(const struct plant_joint *j, double along_nm)
         return (struct slope){ m->drive_nm + m->drive_load * (along_nm - soft), m->drive_load };
     if (along_nm <= -soft)
         return (struct slope){ m->back_nm - m->back_load * (along_nm + soft), -m->back_load };
-    double rate = (m->drive_nm - m->back_nm) / (2 * soft);
-    return (struct slope){ m->back_nm + rate * (along_nm + soft), rate };
+    return (struct slope){ m->back_nm + g->loss_slope * (along_nm + soft), g->loss_slope };
 }
 
 double plant_mesh_loss_nm(const struct plant_joint *j, double along_nm)
 {
-    return loss_at(j, along_nm).value;
+    struct plant_gear g;
+    plant_gear_prepare(j, &g);
+    return loss_at(j, &g, along_nm).value;
 }
 
 /* The same, and more_nm, never below zero. */
-static struct slope loss_and(const struct plant_joint *j, double more_nm, double along_nm)
+static inline struct slope loss_and(const struct plant_joint *j, const struct plant_gear *g,
+                                    double more_nm, double along_nm)
 {
-    struct slope l = loss_at(j, along_nm);
+    struct slope l = loss_at(j, g, along_nm);
     l.value += more_nm;
     return l.value > 0 ? l : (struct slope){ 0, 0 };
 }
 
 /* What is left of the wave torque behind the mesh, less the gear's torque, at wave wind-up a of a
  * total of all; for motion along +. */
-static struct slope surplus_at(const struct plant_joint *j, double more_nm, double all, double a)
+static struct slope surplus_at(const struct plant_joint *j, const struct plant_gear *g, double more_nm,
+                               double all, double a)
 {
-    struct slope w = wave_at(j, a), l = loss_and(j, more_nm, w.value), g = gear_at(j, all - a);
-    return (struct slope){ w.value - l.value - g.value, w.slope * (1 - l.slope) + g.slope };
+    struct slope w = wave_at(j, g, a), l = loss_and(j, g, more_nm, w.value), f = gear_at(j, g, all - a);
+    return (struct slope){ w.value - l.value - f.value, w.slope * (1 - l.slope) + f.slope };
 }
 
 /* Root of the surplus, which rises with a: Newton's method lands on the root as soon as it is on
  * the right piece; bisection where it does not settle. */
-static double slide(const struct plant_joint *j, double more_nm, double all, double a)
+static double slide(const struct plant_joint *j, const struct plant_gear *g, double more_nm, double all,
+                    double a)
 {
     enum { NEWTON = 8, BISECT = 60 };
     double scale = 1e-12 * (j->soft_nm + j->t_nm[1] + 1);
     for (int i = 0; i < NEWTON; i++) {
-        struct slope s = surplus_at(j, more_nm, all, a);
+        struct slope s = surplus_at(j, g, more_nm, all, a);
         if (fabs(s.value) <= scale)
             return a;
         a -= s.value / s.slope;
@@ -154,7 +167,7 @@ static double slide(const struct plant_joint *j, double more_nm, double all, dou
     double low = fmin(all, 0) - span, high = fmax(all, 0) + span;
     for (int i = 0; i < BISECT; i++) {
         a = (low + high) / 2;
-        if (surplus_at(j, more_nm, all, a).value > 0)
+        if (surplus_at(j, g, more_nm, all, a).value > 0)
             high = a;
         else
             low = a;
@@ -162,15 +175,15 @@ static double slide(const struct plant_joint *j, double more_nm, double all, dou
     return a;
 }
 
-double plant_mesh_slip(const struct plant_joint *j, double more_nm, double angle_rad,
-                       double output_rad, double mesh_rad)
+double plant_mesh_slip(const struct plant_joint *j, const struct plant_gear *g, double more_nm,
+                       double angle_rad, double output_rad, double mesh_rad)
 {
     double a = angle_rad - mesh_rad, all = angle_rad - output_rad;
-    double wave = wave_at(j, a).value, surplus = wave - gear_at(j, all - a).value;
+    double wave = wave_at(j, g, a).value, surplus = wave - gear_at(j, g, all - a).value;
     double sense = surplus < 0 ? -1 : 1;
-    if (sense * surplus <= loss_and(j, more_nm, sense * wave).value)
+    if (sense * surplus <= loss_and(j, g, more_nm, sense * wave).value)
         return mesh_rad;
-    return angle_rad - sense * slide(j, more_nm, sense * all, sense * a);
+    return angle_rad - sense * slide(j, g, more_nm, sense * all, sense * a);
 }
 
 /* ---- end stops ---- */

@@ -8,6 +8,8 @@
 #ifndef PLANT_PARTS_H
 #define PLANT_PARTS_H
 
+#include <math.h>
+
 #include "sim/plant.h"
 
 #ifdef __cplusplus
@@ -60,10 +62,26 @@ int plant_invert(int n, const plant_matrix a, plant_matrix inverse);
 
 /* plant_gear.c: flexspline, wave generator, mesh, end stop. */
 
+/* Where the lines of torque over wind-up and of loss over torque join: divided out once, for speed. */
+struct plant_gear { double corner_rad[2], soft_rad, loss_slope; };
+
+void plant_gear_prepare(const struct plant_joint *j, struct plant_gear *g);
+/* g: of the same joint. */
+static inline double plant_gear_at_nm(const struct plant_joint *j, const struct plant_gear *g,
+                                      double delta_rad)
+{
+    const double *k = j->k_nmprad, *corner = g->corner_rad;
+    double d = fabs(delta_rad);
+    double torque = d <= corner[0]   ? k[0] * d
+                    : d <= corner[1] ? j->t_nm[0] + k[1] * (d - corner[0])
+                                     : j->t_nm[1] + k[2] * (d - corner[1]);
+    return delta_rad < 0 ? -torque : torque;
+}
 double plant_gear_nm(const struct plant_joint *j, double delta_rad);
 double plant_gear_windup_rad(const struct plant_joint *j, double torque_nm);
 double plant_gear_energy_j(const struct plant_joint *j, double delta_rad);
 /* The same of the wave generator; only for joints with a mesh (soft_nm above zero). */
+double plant_wave_at_nm(const struct plant_joint *j, const struct plant_gear *g, double windup_rad);
 double plant_wave_nm(const struct plant_joint *j, double windup_rad);
 double plant_wave_windup_rad(const struct plant_joint *j, double torque_nm);
 double plant_wave_energy_j(const struct plant_joint *j, double windup_rad);
@@ -71,8 +89,8 @@ double plant_wave_energy_j(const struct plant_joint *j, double windup_rad);
 double plant_mesh_loss_nm(const struct plant_joint *j, double along_nm);
 /* Where the mesh is now that the rotor is at angle_rad and the link at output_rad (kinematic error
  * taken off), having been at mesh_rad; more_nm: loss beyond the law's, may be negative. */
-double plant_mesh_slip(const struct plant_joint *j, double more_nm, double angle_rad,
-                       double output_rad, double mesh_rad);
+double plant_mesh_slip(const struct plant_joint *j, const struct plant_gear *g, double more_nm,
+                       double angle_rad, double output_rad, double mesh_rad);
 /* Torque on the link, pointing inwards; zero inside the range. */
 double plant_stop_nm(const struct plant_joint *j, double q_rad, double qd_radps);
 double plant_stop_energy_j(const struct plant_joint *j, double q_rad);
@@ -110,9 +128,11 @@ double plant_motor_nm(const struct plant_joint *j, double tau_m_nm, double angle
 
 /* Friction of one joint as far as it does not change within a few inner steps. */
 struct plant_rub {
-    double coulomb_nm[2];             /* run scatter, wander, cold excess, drag, dwell, dry spot included; elastic part taken out */
+    double coulomb_nm[2];             /* all that does not depend on speed or load, less the elastic part */
     double viscous_nmspr[2];
     double elastic_nm;                /* Dahl part */
+    double per_vc_spr[2];             /* by plant_rub_begin, */
+    int more;                         /* as is: does anything beyond Coulomb and Stribeck rub?  */
 };
 
 /* What one rotor feels in one inner step; torques before friction. */
@@ -123,7 +143,12 @@ struct plant_kick {
     double sense, dry_nm;             /* plant_rub_dry_nm for this sense, as the caller had it */
 };
 
-void plant_rub_prepare(const struct plant_joint *j, const struct plant_state *s, int index, struct plant_rub *rub);
+/* exp(-x) for x >= 0, within 1e-13 of it; zero beyond 700. */
+double plant_decay(double x);
+/* Once per call of plant_step; then prepare as often as the state has moved on. */
+void plant_rub_begin(const struct plant_joint *j, struct plant_rub *rub);
+void plant_rub_prepare(const struct plant_joint *j, const struct plant_state *s, int index,
+                       struct plant_rub *rub);
 /* Magnitude along sense (-1, 1) at this speed along it, without viscous and elastic part.  Below
  * zero where lines or elastic part take away more than there is: to be cut by the caller. */
 double plant_rub_dry_nm(const struct plant_joint *j, const struct plant_rub *rub, double sense,
@@ -135,8 +160,8 @@ double plant_rub_kick(const struct plant_joint *j, const struct plant_rub *rub, 
 /* Slow states over dt: warming, wander, stand and travel. */
 void plant_rub_age(const struct plant_joint *j, struct plant_state *s, int index, double dt_s);
 
-/* Standard normal, and uniform over (0, 1], from a 64-bit state; the same on every machine up to libm's
- * last digit. */
+/* Standard normal, and uniform over (0, 1], from a 64-bit state; the same on every machine up to
+ * libm's last digit. */
 double plant_gauss(uint64_t *rng);
 double plant_uniform(uint64_t *rng);
 

@@ -663,6 +663,30 @@ START_TEST(test_steady_sliding_obeys_the_two_sided_stribeck_curve)
 }
 END_TEST
 
+/* Friction curves need exp(-x) often; theirs against the library's, densely and where its pieces join. */
+START_TEST(test_decay_is_the_exponential_within_1e_13)
+{
+    double worst = 0;
+    for (double x = 0; x < 50; x += 1.7e-5)
+        worst = fmax(worst, fabs(plant_decay(x) / exp(-x) - 1));
+    for (double x = 50; x < 700; x += 1.3e-3)
+        worst = fmax(worst, fabs(plant_decay(x) / exp(-x) - 1));
+    for (int k = 0; k < 16000; k++) {
+        double join = (k + 0.5) * 0.6931471805599453 / 16;
+        const double beside[] = { nextafter(join, 0), join, nextafter(join, 700) };
+        for (int i = 0; i < 3; i++)
+            worst = fmax(worst, fabs(plant_decay(beside[i]) / exp(-beside[i]) - 1));
+    }
+    ck_assert_double_lt(worst, 1e-13);
+    ck_assert_double_eq(plant_decay(0), 1);
+    ck_assert_double_eq(plant_decay(1e-300), 1);
+    ck_assert_double_gt(plant_decay(699.999), 0);
+    ck_assert_double_eq(plant_decay(700), 0);
+    ck_assert_double_eq(plant_decay(HUGE_VAL), 0);
+    ck_assert_double_eq(1 - exp(-38), 1); /* beyond, the curve is taken to be flat */
+}
+END_TEST
+
 START_TEST(test_sliding_rotor_stops_and_stays)
 {
     struct plant_model m = rod();
@@ -1295,6 +1319,7 @@ static Suite *plant_suite(void)
     tcase_add_test(friction, test_held_below_breakaway_the_rotor_does_not_creep_at_all);
     tcase_add_test(friction, test_whole_arm_stands_where_friction_exceeds_gravity);
     tcase_add_test(friction, test_steady_sliding_obeys_the_two_sided_stribeck_curve);
+    tcase_add_test(friction, test_decay_is_the_exponential_within_1e_13);
     tcase_add_test(friction, test_sliding_rotor_stops_and_stays);
     tcase_add_test(friction, test_locked_rotor_is_held_and_the_gear_still_springs);
     tcase_add_test(friction, test_reported_friction_closes_the_balance_of_the_rotor);

@@ -103,12 +103,14 @@ START_TEST(test_mesh_gives_way_just_so_far_that_the_loss_holds_it)
     struct plant_joint *j = &m.joint[0];
     uint64_t rng = 3;
     int moved[2] = { 0, 0 }, stuck = 0;
+    struct plant_gear gear;
     j->mesh.drive_load = 0.05;
     j->mesh.back_load = 0.02;
+    plant_gear_prepare(j, &gear);
     for (int k = 0; k < 20000; k++) {
         double th = test_uniform(&rng, -1e-3, 1e-3), q = test_uniform(&rng, -1e-3, 1e-3);
         double z = test_uniform(&rng, -1e-3, 1e-3), less = k % 2 ? 0 : test_uniform(&rng, -40, 0);
-        double end = plant_mesh_slip(j, less, th, q, z);
+        double end = plant_mesh_slip(j, &gear, less, th, q, z);
         double wave = plant_wave_nm(j, th - end), surplus = wave - plant_gear_nm(j, end - q);
         double sense = end > z ? 1 : end < z ? -1 : surplus < 0 ? -1 : 1;
         double loss = fmax(0, plant_mesh_loss_nm(j, sense * wave) + less);
@@ -118,7 +120,7 @@ START_TEST(test_mesh_gives_way_just_so_far_that_the_loss_holds_it)
             ck_assert_double_eq_tol(sense * surplus, loss, 1e-8);
         stuck += end == z;
         moved[sense > 0] += end != z;
-        ck_assert_double_eq_tol(plant_mesh_slip(j, less, th, q, end), end, 1e-13);
+        ck_assert_double_eq_tol(plant_mesh_slip(j, &gear, less, th, q, end), end, 1e-13);
     }
     ck_assert_int_gt(stuck, 1000);
     ck_assert_int_gt(moved[0], 1000);
@@ -312,6 +314,33 @@ START_TEST(test_periodic_friction_fades_while_the_teeth_are_unloaded)
     ck_assert_double_eq_tol(friction_swing_nm(-10.5), 2, 0.04);
     ck_assert_double_lt(friction_swing_nm(0), 0.04);
     ck_assert_double_eq_tol(friction_swing_nm(-40), 4, 0.02);
+}
+END_TEST
+
+/* A line that is deeper than the rotor's own friction takes the rest from the mesh: what rotor and wave
+ * generator need together swings by the whole of it. */
+START_TEST(test_line_deeper_than_the_rotor_s_friction_takes_from_the_mesh)
+{
+    const double w = 0.02, deep = 12;
+    struct plant_model m = geared_rod();
+    struct plant_state s;
+    double q = 0, least_rub = 1e9;
+    m.joint[0].line[m.joint[0].lines++] = (struct plant_line){ 100, deep, 0, 1, 0, 0, 0 };
+    flywheel(&m);
+    accept(&m);
+    plant_reset(&m, &s, &q, 1);
+    spin(&m, &s, w);
+    s.qd_radps[0] = w;
+    run(&m, &s, 0, 0.5);
+    double rubs = rotor_friction_nm(&m.joint[0].friction[0], w);
+    for (double t = 0; t < 2 * PI / 100 / w; t += 1e-3) {
+        plant_step(&m, &s, zero_torque, 1e-3);
+        double line = deep * sin(100 * rotor_rad(&m, &s));
+        ck_assert_double_eq_tol(s.friction_nm[0] + s.wave_nm[0], rubs + 32.2 + line, 0.15);
+        ck_assert_double_ge(s.friction_nm[0], 0);
+        least_rub = fmin(least_rub, s.friction_nm[0]);
+    }
+    ck_assert_double_eq_tol(least_rub, 35.32 * w, 0.01); /* where it is deepest, only the viscous part is left */
 }
 END_TEST
 
@@ -913,9 +942,9 @@ END_TEST
 static Suite *gear_suite(void)
 {
     Suite *suite = suite_create("plant_gear");
-    TCase *parts = tcase_create("parts"), *loops = tcase_create("hysteresis"), *slow = tcase_create("sliding"),
-          *error = tcase_create("error"), *energy = tcase_create("energy"), *order = tcase_create("order"),
-          *model = tcase_create("model");
+    TCase *parts = tcase_create("parts"), *loops = tcase_create("hysteresis"),
+          *slow = tcase_create("sliding"), *error = tcase_create("error"), *energy = tcase_create("energy"),
+          *order = tcase_create("order"), *model = tcase_create("model");
     tcase_add_test(parts, test_wave_generator_is_soft_then_stiff_odd_and_a_spring);
     tcase_add_test(parts, test_mesh_loss_is_the_law_of_plant_h);
     tcase_add_test(parts, test_mesh_gives_way_just_so_far_that_the_loss_holds_it);
@@ -924,6 +953,7 @@ static Suite *gear_suite(void)
     tcase_add_test(slow, test_motor_carries_load_rotor_friction_and_mesh_loss);
     tcase_add_test(slow, test_drop_of_motor_torque_follows_from_soft_drive_and_back);
     tcase_add_test(slow, test_periodic_friction_fades_while_the_teeth_are_unloaded);
+    tcase_add_test(slow, test_line_deeper_than_the_rotor_s_friction_takes_from_the_mesh);
     tcase_add_test(slow, test_friction_builds_up_over_the_wind_up_after_a_reversal);
     tcase_add_test(slow, test_rotor_and_link_at_half_of_breakaway_do_not_move_a_bit);
     tcase_add_test(error, test_link_follows_the_rotor_ahead_by_the_error_less_the_wind_up);
