@@ -9,7 +9,8 @@
  * Runge-Kutta: rotors that stand and are not broken away stay fixed for the step, others keep their
  * sense of motion for it; the mesh is where it slips to from where it was at the step's start, which
  * makes its position a function of the stage's angles.  Order four between the steps in which
- * something sticks or lets go; those are met to the first order.
+ * something sticks or lets go; those are met to the first order, and so is what is taken as it is when
+ * the step begins: wander, warmth, dwell, dry spot, ripple of the current.
  *
  * Owns: the integration.
  * Never: holds the physics of a part: see plant_parts.h.
