@@ -192,8 +192,8 @@ START_TEST(test_known_lines_are_found)
         }
     }
     // below the lowest nothing is looked for
-    const std::vector<AngleLine> high = find_lines(table_with({{15.93, 5, 0}, {100, 0.5, 0}}, 0.01, 0), 1,
-                                                   50);
+    const AngleTable both = table_with({{15.93, 5, 0}, {100, 0.5, 0}}, 0.01, 0);
+    const std::vector<AngleLine> high = find_lines(both, 1, 50);
     ck_assert_double_eq_tol(high[0].cycles_per_rad, 100, 0.05);
 }
 END_TEST
@@ -236,9 +236,8 @@ START_TEST(test_hinges_are_found)
     std::uniform_real_distribution<double> uniform(0, 1);
     // as Table V has them: narrow steep step somewhere, gentle slopes beside it, ripple as noise
     const double t1 = -40 + 60 * uniform(random), width = 3 + 10 * uniform(random);
-    const hdt_arm_stiffness in = {{0.3 * uniform(random), 2 + 2 * uniform(random), 0.3 * uniform(random)}, t1,
-                                  t1 + width,
-                                  4 * uniform(random) - 2};
+    const hdt_arm_stiffness in = {{0.3 * uniform(random), 2 + 2 * uniform(random), 0.3 * uniform(random)},
+                                  t1, t1 + width, 4 * uniform(random) - 2};
     std::vector<double> x, y;
     for (int i = 0; i < 6000; i++) {
         x.push_back(-80 + 160 * uniform(random));
@@ -462,8 +461,9 @@ START_TEST(test_a_run_is_its_seed)
 {
     const hdt_arm mounted = without_load(pa10(), 7);
     const std::string task = "sweep:joint=7,speed=0.4";
-    const auto torque = [&](uint64_t seed) { return velocity_run(rig_of(pa10()), mounted, task, 7,
-                                                                 seed).tau_nm; };
+    const auto torque = [&](uint64_t seed) {
+        return velocity_run(rig_of(pa10()), mounted, task, 7, seed).tau_nm;
+    };
     const std::vector<double> once = torque(4);
     std::vector<double> again, other;
     in_parallel({[&] { again = torque(4); }, [&] { other = torque(5); }}, 2, nullptr);
@@ -681,7 +681,7 @@ static Suite *paper_suite(void)
     tcase_add_test(c, test_only_equation_12_is_a_gradient);
     suite_add_tcase(s, c);
     c = tcase_create("runs");
-    tcase_set_timeout(c, 60);
+    tcase_set_timeout(c, 120);
     tcase_add_test(c, test_mounted_without_load);
     tcase_add_test(c, test_mounted_for_sweep);
     tcase_add_test(c, test_friction_put_in_comes_out);

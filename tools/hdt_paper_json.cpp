@@ -11,6 +11,8 @@ namespace {
 
 using nlohmann::json;
 
+const char *const directions[2] = {"positive", "negative"};
+
 json fit_json(const FrictionModelFit &fit, int parameters)
 {
     return {{"parameters", std::vector<double>(fit.parameters.begin(), fit.parameters.end())},
@@ -30,13 +32,14 @@ json friction_json(const Results &r)
             for (const SpeedPoint &p : f.points[d])
                 points.push_back({{"speed_radps", p.speed_radps}, {"mean_nm", p.mean_nm}, {"sd_nm", p.sd_nm},
                                   {"trials", p.trials}});
-            all.push_back({{"joint", j + 1}, {"direction", d == 0 ? "positive" : "negative"}, {"points",
-                    points},
-                           {"viscous", fit_json(f.viscous[d], 2)}, {"cubic", fit_json(f.cubic[d], 4)},
+            const hdt_arm_friction printed = magnitudes(d == 0 ? table_2[j].positive : table_2[j].negative);
+            all.push_back({{"joint", j + 1},
+                           {"direction", directions[d]},
+                           {"points", points},
+                           {"viscous", fit_json(f.viscous[d], 2)},
+                           {"cubic", fit_json(f.cubic[d], 4)},
                            {"stribeck", fit_json(f.stribeck[d], 4)},
-                           {"curve_gap_to_table_2_nm",
-                            curve_gap_nm(magnitudes(d == 0 ? table_2[j].positive : table_2[j].negative),
-                                         stribeck_of(f.stribeck[d]))}});
+                           {"curve_gap_to_table_2_nm", curve_gap_nm(printed, stribeck_of(f.stribeck[d]))}});
         }
     return all;
 }
@@ -50,10 +53,12 @@ json position_json(const Results &r)
             for (const AngleLine &l : r.position[j].lines[d])
                 lines.push_back({{"cycles_per_rad", l.cycles_per_rad}, {"amplitude_nm", l.amplitude_nm},
                                  {"phase_rad", l.phase_rad}});
-            all.push_back({{"joint", j + 1}, {"direction", d == 0 ? "positive" : "negative"}, {"mean_nm",
-                    r.position[j].turns[d].mean()},
-                           {"lines", lines}, {"rms_nm", r.position[j].rms_nm[d]}, {"rest_rms_nm",
-                                   r.position[j].rest_rms_nm[d]}});
+            all.push_back({{"joint", j + 1},
+                           {"direction", directions[d]},
+                           {"mean_nm", r.position[j].turns[d].mean()},
+                           {"lines", lines},
+                           {"rms_nm", r.position[j].rms_nm[d]},
+                           {"rest_rms_nm", r.position[j].rest_rms_nm[d]}});
         }
     return all;
 }
@@ -65,14 +70,17 @@ json stiffness_json(const Results &r)
         for (std::size_t d = 0; d < 2; d++) {
             const JointStiffness &s = r.stiffness[j];
             const hdt_arm_stiffness &k = s.fit[d].lines;
-            all.push_back({{"joint", j + 1}, {"direction", d == 0 ? "positive" : "negative"}, {"sign",
-                    "joint"},
-                           {"slope", {k.slope[0], k.slope[1], k.slope[2]}}, {"t1_nm", k.t1_nm}, {"t2_nm",
-                                   k.t2_nm},
-                           {"zero_nm", k.zero_nm}, {"step_nm", s.fit[d].step_nm()}, {"rms_nm",
-                                   s.fit[d].rms_nm},
-                           {"one_line_rms_nm", s.fit[d].flat_rms_nm}, {"ripple_inside_nm",
-                                   s.ripple[d].inside_nm},
+            all.push_back({{"joint", j + 1},
+                           {"direction", directions[d]},
+                           {"sign", "joint"},
+                           {"slope", {k.slope[0], k.slope[1], k.slope[2]}},
+                           {"t1_nm", k.t1_nm},
+                           {"t2_nm", k.t2_nm},
+                           {"zero_nm", k.zero_nm},
+                           {"step_nm", s.fit[d].step_nm()},
+                           {"rms_nm", s.fit[d].rms_nm},
+                           {"one_line_rms_nm", s.fit[d].flat_rms_nm},
+                           {"ripple_inside_nm", s.ripple[d].inside_nm},
                            {"ripple_outside_nm", s.ripple[d].outside_nm}});
         }
     return all;
@@ -82,13 +90,16 @@ json loop_json(const Loop &l)
 {
     json runs = json::array();
     for (const LoopFigures &f : l.figures)
-        runs.push_back({{"first_second_max_mm", f.first_second_max_mm}, {"error_mean_mm", f.error_mean_mm},
-                        {"error_max_mm", f.error_max_mm}, {"seen_mean_mm", f.seen_mean_mm}, {"seen_max_mm",
-                                f.seen_max_mm},
-                        {"fall_mm", f.fall_mm}, {"feedback_share", f.feedback_share}, {"joint_mean_rad",
-                                f.joint_mean_rad},
-                        {"joint_max_rad", f.joint_max_rad}, {"joint_feedback_share",
-                                                             f.joint_feedback_share}});
+        runs.push_back({{"first_second_max_mm", f.first_second_max_mm},
+                        {"error_mean_mm", f.error_mean_mm},
+                        {"error_max_mm", f.error_max_mm},
+                        {"seen_mean_mm", f.seen_mean_mm},
+                        {"seen_max_mm", f.seen_max_mm},
+                        {"fall_mm", f.fall_mm},
+                        {"feedback_share", f.feedback_share},
+                        {"joint_mean_rad", f.joint_mean_rad},
+                        {"joint_max_rad", f.joint_max_rad},
+                        {"joint_feedback_share", f.joint_feedback_share}});
     return {{"name", l.setup.name}, {"what", l.what}, {"fault", l.fault}, {"runs", runs}};
 }
 
@@ -96,10 +107,12 @@ json low_json(const Results &r)
 {
     json all = json::array();
     for (const LowRegion &l : r.low)
-        all.push_back({{"name", l.name}, {"fault", l.fault}, {"zones", {"load against", "step",
-                "load driving"}},
-                       {"error_rad", l.error_rad}, {"error_max_rad", l.error_max_rad}, {"feedback_rms_nm",
-                               l.feedback_nm},
+        all.push_back({{"name", l.name},
+                       {"fault", l.fault},
+                       {"zones", {"load against", "step", "load driving"}},
+                       {"error_rad", l.error_rad},
+                       {"error_max_rad", l.error_max_rad},
+                       {"feedback_rms_nm", l.feedback_nm},
                        {"feedback_share", l.feedback_share}});
     return all;
 }
@@ -108,9 +121,10 @@ json equations_json(const Results &r)
 {
     json all = json::array();
     for (std::size_t i = 0; i < r.equations.size(); i++)
-        all.push_back({{"equation", i + 9}, {"printed_worst_nm", r.equations[i].printed_nm},
-                       {"negated_worst_nm", r.equations[i].printed_negated_nm}, {"right_worst_nm",
-                               r.equations[i].right_nm},
+        all.push_back({{"equation", i + 9},
+                       {"printed_worst_nm", r.equations[i].printed_nm},
+                       {"negated_worst_nm", r.equations[i].printed_negated_nm},
+                       {"right_worst_nm", r.equations[i].right_nm},
                        {"largest_nm", r.equations[i].largest_nm}});
     return all;
 }

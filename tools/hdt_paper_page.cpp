@@ -172,10 +172,11 @@ void figure_4(const Results &r, Page &page)
     for (std::size_t d = 0; d < 2; d++) {
         const double way = d == 0 ? 1 : -1;
         const std::vector<double> v = span(0.01, 0.42, 80);
-        const hdt_arm_friction ours = stribeck_of(f.stribeck[d]), printed = magnitudes(d == 0
-                ? table_2[1].positive : table_2[1].negative);
-        const auto curve = [&](const hdt_arm_friction &k) { return map(v,
-                [&](double x) { return way * stribeck_nm(k, x); }); };
+        const hdt_arm_friction ours = stribeck_of(f.stribeck[d]),
+                               printed = magnitudes(d == 0 ? table_2[1].positive : table_2[1].negative);
+        const auto curve = [&](const hdt_arm_friction &k) {
+            return map(v, [&](double x) { return way * stribeck_nm(k, x); });
+        };
         const std::vector<double> x = map(v, [&](double s) { return way * s; });
         Plot p = plot_of(d == 0 ? "Fig. 4, joint 2, positive" : "Fig. 4, joint 2, negative", "rad/s", "N m",
                          {error_bars(f.points[d], way), series("fitted Stribeck curve", x, curve(ours)),
@@ -212,13 +213,13 @@ void table_3_page(const Plan &plan, const Results &r, Page &page)
                 const PrintedLine &p = table_3[j][k];
                 const auto &lines = r.position[j].lines[d];
                 if (k >= lines.size()) {
-                    row.insert(row.end(), {num(p.f, 4), "n/a", num(p.amplitude), "n/a", num(wrapped(p.phase)),
-                                           "n/a"});
+                    row.insert(row.end(),
+                               {num(p.f, 4), "n/a", num(p.amplitude), "n/a", num(wrapped(p.phase)), "n/a"});
                     continue;
                 }
                 row.insert(row.end(), {num(p.f, 4), num(lines[k].cycles_per_rad, 4), num(p.amplitude),
                                        num(lines[k].amplitude_nm), num(wrapped(p.phase)),
-                                           num(wrapped(lines[k].phase_rad))});
+                                       num(wrapped(lines[k].phase_rad))});
                 orders += (k == 0 ? "" : ", ") + num(lines[k].cycles_per_rad * 2 * pi / ratio_of(plan, j), 4);
             }
             row.push_back(orders);
@@ -275,21 +276,19 @@ void table_5_page(const Results &r, Page &page)
                   "rig",
                   "slope 3: paper", "rig", "zero: paper", "rig"}};
     Rows steps = {{"joint", "step: paper", "rig", "left by the three lines, N m rms", "by one line",
-                   "periodic torque inside",
-                   "outside", "inside / outside"}};
+                   "periodic torque inside", "outside", "inside / outside"}};
     for (std::size_t j = 0; j < sweep_joints; j++)
         for (std::size_t d = 0; d < 2; d++) {
             const JointStiffness &s = r.stiffness[j];
             const PrintedLines p = table_5[j][d], o = as_printed(s.fit[d].lines, d == 1);
             const std::string name = std::to_string(j + 1) + ways[d];
             rows.push_back({name, num(p.slope_1), num(o.slope_1), num(p.t_1), num(o.t_1), num(p.slope_2),
-                            num(o.slope_2),
-                            num(p.t_2), num(o.t_2), num(p.slope_3), num(o.slope_3), num(p.zero),
-                                num(o.zero)});
+                            num(o.slope_2), num(p.t_2), num(o.t_2), num(p.slope_3), num(o.slope_3),
+                            num(p.zero), num(o.zero)});
             const double printed_step = std::fabs(p.slope_2 * (p.t_2 - p.t_1));
             steps.push_back({name, num(printed_step), num(s.fit[d].step_nm()), num(s.fit[d].rms_nm, 2),
                              num(s.fit[d].flat_rms_nm, 2), num(s.ripple[d].inside_nm),
-                                 num(s.ripple[d].outside_nm),
+                             num(s.ripple[d].outside_nm),
                              num(s.ripple[d].inside_nm / s.ripple[d].outside_nm, 2)});
         }
     page.table(rows, "Table V in the paper's convention (negative rows: torque along the motion); loads and "
@@ -305,8 +304,8 @@ Plot figure_7a(const Results &r)
     const Subtracted &s = r.stiffness[1].sweeps[0][0];
     const std::vector<double> degrees = map(s.q_rad, [](double q) { return q * 180 / pi; });
     Plot p = plot_of("Fig. 7 (a), joint 2, no payload, positive direction", "joint angle, deg", "N m",
-                     {series("total torque", degrees, s.total_nm), series("less friction", degrees,
-                             s.less_friction_nm),
+                     {series("total torque", degrees, s.total_nm),
+                      series("less friction", degrees, s.less_friction_nm),
                       series("less gravity: the rest", degrees, s.rest_nm)});
     p.height_px = 380;
     return p;
@@ -327,13 +326,13 @@ Plot figure_7b(const Results &r, std::size_t j, std::size_t d)
     const auto [low, high] = std::minmax_element(load.begin(), load.end());
     const std::vector<double> x = span(*low, *high, 400);
     const hdt_arm_stiffness printed = joint_signed(table_5[j][d], d == 1);
+    const auto curve = [&](const hdt_arm_stiffness &k) {
+        return map(x, [&](double v) { return stiffness_nm(k, v); });
+    };
     Plot p = plot_of("Fig. 7 (b), joint " + std::to_string(j + 1) + (d == 0 ? ", positive" : ", negative"),
-                     "gravity torque, N m",
-                     "rest, N m",
+                     "gravity torque, N m", "rest, N m",
                      {series("measured", load, rest, Series::Points),
-                      series("three lines", x, map(x, [&](double v) { return stiffness_nm(s.fit[d].lines,
-                              v); })),
-                      series("Table V", x, map(x, [&](double v) { return stiffness_nm(printed, v); }))});
+                      series("three lines", x, curve(s.fit[d].lines)), series("Table V", x, curve(printed))});
     p.height_px = 300;
     return p;
 }
@@ -341,17 +340,12 @@ Plot figure_7b(const Results &r, std::size_t j, std::size_t d)
 void stiffness_page(const Results &r, Page &page)
 {
     page.heading("Soft wind-up: Table V, Fig. 7");
-    page.html.paragraph("Velocity mode at " + num(sweep_radps) + " rad/s from -90 to +90 deg and back with "
-                                                                 "0, 1.5, 3 and 4.5 kg at the flange, "
-                                                                 "joints 1 and 3 on the wall, 2 and 4 on "
-                                                                 "the pedestal. From the torque: less "
-                                                                 "friction (the table measured at 0.01 "
-                                                                 "rad/s, and what eq. (7) grows from there "
-                                                                 "to this speed), less gravity. In the "
-                                                                 "plant nobody adds such a torque: what is "
-                                                                 "left comes out of mesh friction that "
-                                                                 "depends on load and direction, and of the "
-                                                                 "gear's spring.");
+    page.html.paragraph("Velocity mode at " + num(sweep_radps) +
+                        " rad/s from -90 to +90 deg and back with 0, 1.5, 3 and 4.5 kg at the flange, joints "
+                        "1 and 3 on the wall, 2 and 4 on the pedestal. From the torque: less friction (the "
+                        "table measured at 0.01 rad/s, and what eq. (7) grows from there to this speed), "
+                        "less gravity. In the plant nobody adds such a torque: what is left comes out of "
+                        "mesh friction that depends on load and direction, and of the gear's spring.");
     page.html.plot(figure_7a(r));
     for (std::size_t j = 0; j < sweep_joints; j++)
         page.html.plots({figure_7b(r, j, 0), figure_7b(r, j, 1)});
@@ -505,14 +499,13 @@ void equations_table(const Results &r, Page &page)
 {
     static const char *const number[5] = {"(9)", "(10)", "(11)", "(12)", "(13)"};
     Rows rows = {{"equation", "joint", "largest true torque, N m", "as printed: worst error, N m",
-                  "negated: worst error, N m",
-                  "closed form used here: worst error, N m", "verdict"}};
+                  "negated: worst error, N m", "closed form used here: worst error, N m", "verdict"}};
     for (std::size_t i = 0; i < r.equations.size(); i++) {
         const EquationCheck &c = r.equations[i];
         const bool right = std::min(c.printed_nm, c.printed_negated_nm) < 1e-6;
         rows.push_back({number[i], std::to_string(i + 2), num(c.largest_nm), num(c.printed_nm),
-                        num(c.printed_negated_nm),
-                        num(c.right_nm, 2), right ? "right" : "not a gradient of the potential energy"});
+                        num(c.printed_negated_nm), num(c.right_nm, 2),
+                        right ? "right" : "not a gradient of the potential energy"});
     }
     page.table(rows, "Gravity torques with the masses of Table IV against the central difference of the "
                      "potential energy, 2000 random poses within half a turn.");
@@ -580,10 +573,9 @@ void write_page(const std::string &dir, const Plan &plan, const Results &r)
     const auto hold = std::count_if(said.begin(), said.end(), [](const Statement &s) { return s.holds; });
     page.html.verdict(std::to_string(hold) + " of " + std::to_string(said.size()) +
                           " statements of the paper hold in the rig. The arm is simulated from " +
-                              plan.rig.arm.name +
-                          " (individual " + std::to_string(plan.rig.individual) + ", seed " +
-                              std::to_string(plan.rig.seed) +
-                          "); every torque is what the servo reports in its telegrams.",
+                          plan.rig.arm.name + " (individual " + std::to_string(plan.rig.individual) +
+                          ", seed " + std::to_string(plan.rig.seed) + "); every torque is what the servo "
+                                                                      "reports in its telegrams.",
                       2 * hold > static_cast<long>(said.size()));
     Rows rows = {{"statement", "paper", "rig", "holds"}};
     for (const Statement &s : said)

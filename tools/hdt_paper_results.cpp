@@ -165,8 +165,8 @@ void measure_position(const Plan &plan, int joint, JointPosition *out)
         const AngleTable &t = out->turns[k];
         const double mean = t.mean();
         for (std::size_t i = 0; i < t.nm.size(); i++) {
-            const double x = t.nm[i] - mean, left = x - lines_nm(out->lines[k], t.from_rad +
-                                                                 t.step_rad * (static_cast<double>(i) + 0.5));
+            const double q = t.from_rad + t.step_rad * (static_cast<double>(i) + 0.5), x = t.nm[i] - mean,
+                         left = x - lines_nm(out->lines[k], q);
             out->rms_nm[k] += x * x;
             out->rest_rms_nm[k] += left * left;
         }
@@ -522,10 +522,12 @@ void close_loops(const Plan &plan, Results *r, const std::function<void(double)>
     if (plan.want(PART_LOW)) {
         r->low.resize(3);
         const uint32_t without = quasi_static & ~bit(HDT_TERM_STIFFNESS);
-        jobs.push_back([&plan, r, without] { r->low[0] = sweep_through_low(plan, *r, "without the lines",
-                r->measured, without); });
-        jobs.push_back([&plan, r] { r->low[1] = sweep_through_low(plan, *r, "with the measured lines",
-                                                                  r->measured, quasi_static); });
+        jobs.push_back([&plan, r, without] {
+            r->low[0] = sweep_through_low(plan, *r, "without the lines", r->measured, without);
+        });
+        jobs.push_back([&plan, r] {
+            r->low[1] = sweep_through_low(plan, *r, "with the measured lines", r->measured, quasi_static);
+        });
         jobs.push_back([&plan, r] {
             hdt_arm printed = r->measured;
             for (int d = 0; d < 2; d++)

@@ -67,7 +67,7 @@ void require_pa10(const hdt_arm &arm)
     if (arm.joints != 7)
         throw InputError(std::string(arm.path) + ": expected an arm with the PA-10's seven joints, found " +
                          std::to_string(arm.joints) + " joints; the experiments are laid out for "
-                                                      "model/arms/pa10.toml");
+                         "model/arms/pa10.toml");
     for (int j = 0; j < arm.joints; j++)
         if (!arm.joint[j].has_inertial || !arm.joint[j].has_gear || !arm.joint[j].has_friction)
             throw InputError(std::string(arm.path) + ": joint." + std::to_string(j + 1) +

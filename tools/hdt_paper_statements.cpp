@@ -91,18 +91,17 @@ void loop_statements(const Results &r, std::vector<Statement> &all)
     const double mean = own.mean(&LoopFigures::error_mean_mm), most = own.most(&LoopFigures::error_max_mm),
                  first = own.mean(&LoopFigures::first_second_max_mm), fall = none.most(&LoopFigures::fall_mm);
     const auto within_two = [](double ours, double paper) { return ours < 2 * paper && ours > paper / 2; };
-    const auto mm = [](double ours, double paper) { return num(ours) + " mm" + (ours < paper / 2
-            ? ": the rig is better" : ""); };
+    const auto mm = [](double ours, double paper) {
+        return num(ours) + " mm" + (ours < paper / 2 ? ": the rig is better" : "");
+    };
     all.push_back({"Lemniscate with the model fed forward: mean flange error (within a factor of two)",
-                   "7 mm", mm(mean, 7),
-                   within_two(mean, 7)});
+                   "7 mm", mm(mean, 7), within_two(mean, 7)});
     all.push_back({"... largest error after the first second (within a factor of two)", "19 mm", mm(most, 19),
                    within_two(most, 19)});
     all.push_back({"... largest error at the beginning (within a factor of two)", "42 mm", mm(first, 42),
                    within_two(first, 42)});
     all.push_back({"With the same gains and no feed-forward the arm collapses (falls more than 100 mm)",
-                   "\"collapse\"",
-                   num(fall) + " mm below the path", fall > 100});
+                   "\"collapse\"", num(fall) + " mm below the path", fall > 100});
     const double ten_mean = ten.mean(&LoopFigures::error_mean_mm);
     all.push_back({"Without the model the same accuracy needs gains at least ten times higher",
                    "\"at least a factor of 10\"",
