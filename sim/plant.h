@@ -43,7 +43,8 @@ extern "C" {
 #define PLANT_CHANGES_MAX 32
 
 /* PLANT_VERLET: position Verlet, friction implicit, rigid bodies evaluated every 16 steps: fast.
- * PLANT_RK4: classical Runge-Kutta, everything evaluated at every stage: the reference. */
+ * PLANT_RK4: classical Runge-Kutta, the reference; what changes slowly (warmth, wander, dwell, dry
+ * spot, current ripple) is taken at the start of a step. */
 enum plant_integrator { PLANT_VERLET, PLANT_RK4 };
 
 /* Magnitude along motion, output side: f0 + fv |v| + fs (1 - exp(-|v| / vc)).  f0 is the breakaway
