@@ -301,6 +301,7 @@ static Suite *cli_suite(void)
 {
     Suite *s = suite_create("cli");
     TCase *loop = tcase_create("loop");
+    tcase_set_timeout(loop, 120);
     tcase_add_checked_fixture(loop, set_up, tear_down);
     tcase_add_test(loop, test_simulated_log_gives_its_parameters_back);
     tcase_add_test(loop, test_healthy_arm_lacks_nothing);

@@ -121,6 +121,13 @@ START_TEST(test_the_core_computes_every_term_of_the_model)
     bound[HDT_TERM_FRICTION] += r.friction_nm;
     bound[HDT_TERM_RIPPLE] += r.ripple_nm;
     bound[HDT_TERM_LINES] += r.lines_nm;
+    // the load comes with the error of gravity and of a spring's rate and angle
+    double steepest = 0;
+    for (const hdt_arm_joint &j : arm.joint)
+        for (const hdt_arm_stiffness &way : j.stiffness)
+            for (double slope : way.slope)
+                steepest = std::max(steepest, std::fabs(slope));
+    bound[HDT_TERM_STIFFNESS] += steepest * (r.gravity_nm + 4e-5);
     uint64_t seed = 21;
     double seen[HDT_TERMS] = {};
     for (int round = 0; round < 1000; round++) {
