@@ -36,11 +36,11 @@ TOOLS  := $(call obj,$(wildcard tools/hdt*.cpp))
 BENCH  := $(patsubst tools/%.c,$(BUILD)/%,$(wildcard tools/bench_*.c))
 TESTS  := $(patsubst tests/%.c,$(BUILD)/tests/%,$(wildcard tests/check_*.c)) \
           $(patsubst tests/%.cpp,$(BUILD)/tests/%,$(wildcard tests/check_*.cpp))
-SLOW   := $(addprefix $(BUILD)/tests/check_,cli dataset diagnose evidence ident paper rbd scan task)
+SLOW   := $(addprefix $(BUILD)/tests/check_,bench_diagnosis cli dataset diagnose evidence ident measured paper rbd scan task)
 LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
 
-.PHONY: all demo paper check check-asan run-asan check-mujoco fmu check-fmu bench bench-sim install clean help guards
+.PHONY: all demo paper measured check check-asan run-asan check-mujoco fmu check-fmu bench bench-sim bench-diagnosis install clean help guards
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -54,6 +54,10 @@ demo: $(BUILD)/hdt
 ## paper: the experiments of Kennedy and Desai 2005 in the rig, beside the paper's numbers
 paper: $(BUILD)/hdt
 	@$(BUILD)/hdt paper --arm model/arms/pa10.toml --out $(BUILD)/paper
+
+## measured: real arms: import, fit, diagnose the logs in HDT_DATA, a page an arm in docs/measured
+measured: $(BUILD)/hdt $(BUILD)/measured_page
+	@tools/measured
 
 ## check: guards and all tests
 check: guards $(TESTS) $(BUILD)/hdt
@@ -102,6 +106,11 @@ bench: $(BENCH) bench-sim
 bench-sim: $(BUILD)/bench_sim
 	@$(BUILD)/bench_sim
 	@$(call python,mujoco); $(BUILD)/venv/bin/python tools/bench_mujoco.py $(BUILD)
+
+## bench-diagnosis: hidden effects in many arms, named or not; N=3 of each, JOBS= at a time; build/bench-diagnosis/page.md
+bench-diagnosis: $(BUILD)/hdt $(BUILD)/bench_diagnosis
+	@nice -n 10 $(BUILD)/bench_diagnosis --hdt $(BUILD)/hdt --out $(BUILD)/bench-diagnosis -n $(or $(N),3) \
+	  $(if $(JOBS),-j $(JOBS))
 
 ## install: library, headers, pkg-config file and hdt under DESTDIR/PREFIX
 install: all
@@ -179,6 +188,16 @@ $(BUILD)/tests/check_plant_effects: $(BUILD)/obj/tests/check_plant_effects.cpp.o
 # the experiments of `hdt paper` are tools, all but the command itself
 $(BUILD)/tests/check_paper: $(BUILD)/obj/tests/check_paper.cpp.o $(filter-out %/hdt_paper.cpp.o,$(filter \
     %/hdt_rig.cpp.o %/hdt_effects.cpp.o %/hdt_world.cpp.o $(BUILD)/obj/tools/hdt_paper%,$(TOOLS))) $(LIBS)
+	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
+$(BUILD)/bench_diagnosis: $(call obj,$(wildcard tools/bench_diagnosis*.cpp)) $(LIBS)
+	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $^ $(LINK)
+$(BUILD)/tests/check_bench_diagnosis: $(BUILD)/obj/tests/check_bench_diagnosis.cpp.o \
+    $(call obj,$(filter-out %_main.cpp,$(wildcard tools/bench_diagnosis*.cpp))) \
+    $(filter %/hdt_rig.cpp.o %/hdt_effects.cpp.o,$(TOOLS)) $(LIBS) | $(BUILD)/hdt
+	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
+$(BUILD)/measured_page: $(call obj,$(wildcard tools/measured_*.cpp)) $(LIBS)
+	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $^ $(LINK)
+$(BUILD)/tests/check_measured: $(BUILD)/obj/tests/check_measured.cpp.o $(BUILD)/obj/tools/measured_signals.cpp.o $(LIBS)
 	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.c.o $(LIBS)
 	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
