@@ -74,6 +74,19 @@ std::vector<EffectParameter> line_parameters(const Found &f, const VectorXd &th,
             {"directed", "1", static_cast<double>(f.at.kind), 0}};
 }
 
+// Amplitude is the mean over runs; what the runs scatter is its sigma.
+std::vector<EffectParameter> vibration_parameters(const JointWork &w, const Found &f, const VectorXd &th)
+{
+    const double through = std::max(block_gain(f.at.x, w.fit[0].block_s), 0.1);
+    const Eigen::Index runs = th.size() / 2;
+    VectorXd a(runs);
+    for (Eigen::Index r = 0; r < runs; ++r)
+        a[r] = th.segment(2 * r, 2).norm() / through;
+    const double n = static_cast<double>(runs), mean = a.mean();
+    const double scatter = std::sqrt((a.array() - mean).square().sum() / std::max(1.0, n - 1));
+    return {{"frequency_hz", "Hz", f.at.x, f.x_sigma}, {"amplitude_nm", "N m", mean, scatter / std::sqrt(n)}};
+}
+
 const char *const kGeneric[] = {"c1", "c2", "c3", "c4"};
 
 struct Writer {
@@ -145,6 +158,9 @@ bool write_effect(const Writer &out, const std::string &id, std::vector<EffectPa
         out.append(id, {{"coulomb", p[0]}, {"viscous", p[1]}, {"time_constant", p[2]}});
     } else if (id == "presliding" && !i) {
         out.append(id, {{"torque", p[0]}, {"travel", p[1]}});
+    } else if (id == "torque_offset") {
+        p[0].value += i ? out.old(i, "torque") : 0;
+        out.append(id, {{"torque", p[0]}});
     } else if (id == "order_line") {
         int lines = 0;
         for (int k = 1; k <= out.file->count(out.joint + ".effect"); ++k)
@@ -212,10 +228,9 @@ std::vector<EffectParameter> effect_parameters(const hdt_arm &arm, const JointWo
     if (id == "inertia")
         return {{"inertia_kgm2", "kg m^2", th[0], sd(cov, 0)}};
     if (id == "cable_spring") {
-        const double offset_sigma = 0.5 * std::hypot(e.friction_sigma[0], e.friction_sigma[1]);
         const double rest = spring_rest(e, e.theta[k][0]);
         return {{"stiffness_nmprad", "N m/rad", th[0], sd(cov, 0)},
-                {"rest_rad", "rad", rest, std::hypot(offset_sigma / th[0], rest * sd(cov, 0) / th[0])}};
+                {"rest_rad", "rad", rest, e.rest_sigma_rad}};
     }
     if (id == "temperature")
         return {{"coulomb_nm", "N m", th[0], sd(cov, 0)},
@@ -225,12 +240,38 @@ std::vector<EffectParameter> effect_parameters(const hdt_arm &arm, const JointWo
         return {{"torque_nm", "N m", th[0], sd(cov, 0)}, {"travel_rad", "rad", f.at.x, f.x_sigma}};
     if (id == "order_line")
         return line_parameters(f, th, cov);
+    if (id == "torque_saturation")
+        return {{"missing", "1", th[0], sd(cov, 0)}, {"knee_nm", "N m", f.at.x, f.x_sigma}};
+    if (id == "torque_delay")
+        return {{"delay_s", "s", f.at.x, f.x_sigma}, {"share", "1", th[0], sd(cov, 0)}};
+    if (id == "local_friction")
+        return {{"torque_nm", "N m", th[0], sd(cov, 0)},
+                {"at_rad", "rad", f.at.x, f.x_sigma},
+                {"width_rad", "rad", bump_width_rad(f.at.kind), 0}};
+    if (id == "soft_windup")
+        return {{"step_positive_nm", "N m", th[0], sd(cov, 0)},
+                {"step_negative_nm", "N m", th[1], sd(cov, 1)},
+                {"load_nm", "N m", f.at.x, f.x_sigma},
+                {"width_nm", "N m", step_width_nm(f.at.kind), 0}};
+    if (id == "external_vibration")
+        return vibration_parameters(w, f, th);
+    if (id == "coupling")
+        return {{"joint", "1", static_cast<double>(f.at.kind + 1), 0},
+                f.at.x > 0.5 ? EffectParameter{"share", "1", th[0], sd(cov, 0)}
+                             : EffectParameter{"inertia_kgm2", "kg m^2", th[0], sd(cov, 0)}};
     std::vector<EffectParameter> out;
     for (Eigen::Index i = 0; i < std::min<Eigen::Index>(th.size(), 4); ++i)
         out.push_back({kGeneric[i], "N m per column", th[i], sd(cov, i)});
     if (f.family.refine)
         out.push_back({"scale", id == "stribeck_shape" ? "rad/s" : "1", f.at.x, f.x_sigma});
     return out;
+}
+
+EffectParameter offset_parameter(const JointWork &w, const JointEstimate &e)
+{
+    const double scale = gain_scale(w, e);
+    return {"torque_nm", "N m", 0.5 * scale * (e.friction[0] - e.friction[1]),
+            0.5 * scale * std::hypot(e.friction_sigma[0], e.friction_sigma[1])};
 }
 
 std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &e)
@@ -253,6 +294,13 @@ std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &
             const double offset = 0.5 * (friction[0] - friction[1]);
             friction[0] -= offset;
             friction[1] += offset;
+        }
+    }
+    if (w.offset) {
+        const EffectParameter c = offset_parameter(w, e);
+        if (write_effect(out, "torque_offset", {c})) {
+            friction[0] -= c.value;
+            friction[1] += c.value;
         }
     }
     double v_max = 0;

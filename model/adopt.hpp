@@ -20,7 +20,11 @@ struct JointEstimate {
     Eigen::VectorXd friction_sigma;
     std::vector<Eigen::VectorXd> theta;          // per found effect
     std::vector<Eigen::MatrixXd> covariance;
+    double rest_sigma_rad = 0;                   // of a spring found, 0 where there is none
 };
+
+// The constant torque that unequal Coulomb friction of the estimate stands for.
+EffectParameter offset_parameter(const JointWork &w, const JointEstimate &e);
 
 // Numbers of found effect k, as the diagnosis prints them.
 std::vector<EffectParameter> effect_parameters(const hdt_arm &arm, const JointWork &w, const JointEstimate &e,

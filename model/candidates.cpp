@@ -21,6 +21,7 @@ constexpr double kWander_s = 10;
 constexpr std::size_t kSplits = 16, kPeaks = 5, kPlainPeaks = 3;
 constexpr double kHighestOrder = 600;
 constexpr double kLoose = 5;
+constexpr double kStrongPower = 40;  // mean over runs; 2 is noise
 constexpr double kTie_nats = 5, kTieShare = 0.95, kAdequate = 0.9;
 
 RunSet all_runs(std::size_t n) { return RunSet(n, 1); }
@@ -65,7 +66,10 @@ JointWork::JointWork(const hdt_arm &arm, int j, std::vector<BlockRows> fit_rows,
     : joint(j), fit(std::move(fit_rows)), test(std::move(test_rows)), arm_joint_(arm.joint[j]),
       min_rms_nm_(0.002 * arm.joint[j].ratio) // two digits of motor torque
 {
+    for (std::size_t r = 0; r < fit.size(); ++r)
+        fit[r].index = static_cast<Index>(r);
     families = effect_families(arm, j, fit);
+    listed_ = families.size();
 }
 
 VectorXd JointWork::target(const BlockRows &b) const
@@ -106,6 +110,21 @@ Gram JointWork::gram(const Family &f, Point at) const
     return g;
 }
 
+std::vector<VectorXd> JointWork::residual(const Found &axis) const
+{
+    const bool with_axis = !axis.family.id.empty();
+    const Gram g = with_axis ? gram(axis.family, axis.at) : evidence_->gram({});
+    const GlsFit f = gls_fit(g, all_runs(fit.size()));
+    std::vector<VectorXd> out;
+    for (std::size_t r = 0; r < fit.size(); ++r) {
+        const RunRows &rows = evidence_->rows()[r];
+        out.push_back(rows.y - rows.fixed * f.nuisance);
+        if (with_axis)
+            out.back() -= axis.columns(fit[r]) * f.theta;
+    }
+    return out;
+}
+
 // Smooth things a repeatable effect could look like, so that it is not taken for noise.
 std::vector<MatrixXd> JointWork::rich_columns() const
 {
@@ -134,9 +153,10 @@ std::vector<MatrixXd> JointWork::rich_columns() const
     return out;
 }
 
-// The strongest lines of an ordinary least-squares residual.
-std::vector<LineHit> JointWork::plain_lines(const std::vector<RunRows> &rows, const std::vector<MatrixXd> &rich,
-                                            const OrderGrid &grid) const
+namespace {
+
+// What ordinary least squares leaves.
+std::vector<VectorXd> plain_residual(const std::vector<RunRows> &rows, const std::vector<MatrixXd> &rich)
 {
     const Index nf = rows[0].fixed.cols(), n = nf + rich[0].cols();
     MatrixXd a = MatrixXd::Zero(n, n);
@@ -156,13 +176,56 @@ std::vector<LineHit> JointWork::plain_lines(const std::vector<RunRows> &rows, co
     a = (scale.asDiagonal() * a * scale.asDiagonal()).eval();
     a.diagonal().array() += 1e-8;
     const VectorXd beta = scale.asDiagonal() * a.llt().solve(scale.asDiagonal() * b);
-    NoiseModel white;
-    white.predictor = {VectorXd(0)};
-    white.innovation_nm = {1};
     std::vector<VectorXd> e;
     for (std::size_t r = 0; r < rows.size(); ++r)
         e.push_back(rows[r].y - x[r] * beta);
-    return scan_peaks(scan_orders(scan_rows(fit), e, white, grid), kPlainPeaks);
+    return e;
+}
+
+NoiseModel white_noise(double sigma_nm)
+{
+    NoiseModel n;
+    n.predictor = {VectorXd(0)};
+    n.innovation_nm = {sigma_nm};
+    return n;
+}
+
+// Frequencies that stand out of a plain residual so far that they would pass for coloured noise.
+std::vector<double> plain_frequencies(const BlockNumbers &blocks, std::vector<VectorXd> residual, double block_s)
+{
+    double sum = 1e-12, rows = 1e-12;
+    for (const VectorXd &e : residual) {
+        sum += e.squaredNorm();
+        rows += static_cast<double>(e.size());
+    }
+    for (VectorXd &e : residual)
+        e *= rows / sum;
+    const TimeScan scan = scan_times(blocks, residual, white_noise(std::sqrt(sum / rows)), time_grid(blocks, block_s));
+    std::vector<double> out;
+    for (std::size_t k : time_peaks(scan, 2)) {
+        double power = 0;
+        for (const auto &run : scan.power)
+            power += run[k] / static_cast<double>(scan.power.size());
+        if (power > kStrongPower)
+            out.push_back(scan.grid.hz(k));
+    }
+    return out;
+}
+
+} // namespace
+
+// The strongest lines of an ordinary least-squares residual.
+std::vector<LineHit> JointWork::plain_lines(const std::vector<VectorXd> &residual, const OrderGrid &grid) const
+{
+    return scan_peaks(scan_orders(scan_rows(fit), residual, white_noise(1), grid), kPlainPeaks);
+}
+
+BlockNumbers JointWork::block_numbers() const
+{
+    BlockNumbers out;
+    for (const BlockRows &b : fit)
+        out.push_back(b.block);
+    return out;
 }
 
 void JointWork::weigh(std::size_t index, const std::vector<RunSet> &splits)
@@ -197,11 +260,66 @@ void JointWork::weigh(std::size_t index, const std::vector<RunSet> &splits)
     if (s.excited) {
         s.log_e = log_mean_exp(log_e, f.grid_count);
         s.gain = leave_one_run_out({&kept})[0];
+        if (f.twin) {
+            // beside its bounded twin the contribution would read as nothing
+            s.gain.informative = s.gain.better = 0;
+            for (std::size_t r = 0; r < fit.size(); ++r)
+                if (fit[r].size() > 0) {
+                    ++s.gain.informative;
+                    s.gain.better += s.gain.log_likelihood[r] > 0;
+                }
+            const VectorXd theta = gls_fit(kept, all_runs(fit.size())).theta;
+            s.rms_nm = reducible_rms(fit, [&](const BlockRows &b) -> VectorXd { return f.columns(b, s.at) * theta; });
+        }
     } else {
         s.note = "not excited by these runs";
     }
     if (s.excited && !s.plausible)
-        s.note = "estimate has the wrong sign for this effect";
+        s.note = "estimate has the wrong sign or size for this effect";
+    scores[index] = std::move(s);
+}
+
+// Power of a line of fixed frequency: each run has its own phase, so only the power can repeat.
+void JointWork::weigh_vibration(std::size_t index, const std::vector<RunSet> &splits)
+{
+    const Family &f = families[index];
+    Score s;
+    s.family = index;
+    std::vector<double> log_e;
+    double best = -1;
+    for (Point at : f.grid) {
+        const auto k = static_cast<std::size_t>(std::lround(at.x / times.grid.step_hz())) - times.grid.first;
+        log_e.push_back(time_log_e(times, k, splits));
+        double llr = 0;
+        for (const auto &run : times.power)
+            llr += 0.5 * run[k];
+        if (llr <= best)
+            continue;
+        best = llr;
+        s.at = at;
+        s.llr = llr;
+        s.excited = true;
+        s.rms_nm = std::sqrt(time_variance(times, all_runs(fit.size()), k));
+        s.gain = {};
+        for (std::size_t r = 0; r < fit.size(); ++r) {
+            RunSet others = all_runs(fit.size());
+            others[r] = 0;
+            const double rows = static_cast<double>(fit[r].size());
+            const double square = 0.5 * (times.power[r][k] - 2) / times.information[r][k];
+            s.gain.log_likelihood.push_back(time_log_ratio(times, r, k, time_variance(times, others, k)));
+            s.gain.plain.push_back(rows * square);
+            s.gain.contribution.push_back(square);
+            s.gain.total += s.gain.log_likelihood.back();
+            s.gain.plain_total += s.gain.plain.back();
+            s.gain.rows += rows;
+            s.gain.informative += rows > 0;
+            s.gain.better += s.gain.log_likelihood.back() > 0;
+        }
+    }
+    if (s.excited)
+        s.log_e = log_mean_exp(log_e, f.grid_count);
+    else
+        s.note = "not excited by these runs";
     scores[index] = std::move(s);
 }
 
@@ -240,10 +358,8 @@ double JointWork::held_out_log_likelihood(const std::vector<VectorXd> &residual_
     return sum;
 }
 
-void JointWork::assess(const Gates &gates)
+std::vector<RunRows> JointWork::run_rows() const
 {
-    if (!families.empty() && families.back().id == "order_line")
-        families.pop_back();
     // friction may move by several times the residual, not without bound where nothing excites it
     double y2 = 0, v2 = 0, all = 0;
     for (const BlockRows &b : fit) {
@@ -267,32 +383,63 @@ void JointWork::assess(const Gates &gates)
         set_random_effects(r, b.t_s, b.dir, b.v, kWander_s);
         rows.push_back(std::move(r));
     }
+    return rows;
+}
+
+// Families whose place has to be searched for first, from the score.
+void JointWork::search(const std::vector<LineHit> &lines)
+{
+    const std::vector<VectorXd> score = evidence_->score();
+    families.push_back(local_family(joint, fit, score));
+    families.push_back(windup_family(fit, score));
+    times = scan_times(block_numbers(), score, evidence_->noise(), time_grid(block_numbers(), fit[0].block_s));
+    std::vector<double> hz;
+    for (std::size_t k : time_peaks(times, kPeaks))
+        hz.push_back(times.grid.hz(k));
+    families.push_back(vibration_family(hz, static_cast<double>(times.grid.count()), fit.size(), times.grid.step_hz()));
+    std::vector<LineHit> hits = lines;
+    for (const LineHit &h : scan_peaks(scan, kPeaks)) {
+        const auto same = [&](const LineHit &k) { return k.order == h.order && k.directed == h.directed; };
+        if (std::none_of(hits.begin(), hits.end(), same))
+            hits.push_back(h);
+    }
+    families.push_back(line_family(joint, hits, 2 * static_cast<double>(scan.grid.count()), scan.grid.step));
+}
+
+void JointWork::assess(const Gates &gates)
+{
+    families.erase(families.begin() + static_cast<std::ptrdiff_t>(listed_), families.end());
+    std::vector<RunRows> rows = run_rows();
     const std::vector<ScanRows> sr = scan_rows(fit);
     const OrderGrid grid = order_grid(sr, kHighestOrder);
     std::vector<MatrixXd> rich = rich_columns();
     // a line moves through the spectrum with speed: left in, it would pass for coloured noise
-    std::vector<LineHit> hits = plain_lines(rows, rich, grid);
+    const std::vector<VectorXd> residual = plain_residual(rows, rich);
+    std::vector<LineHit> hits = plain_lines(residual, grid);
     for (const LineHit &h : hits)
         for (double side : {-0.25, 0.25})
             for (std::size_t r = 0; r < fit.size(); ++r) {
                 rich[r].conservativeResize(Eigen::NoChange, rich[r].cols() + 2);
                 rich[r].rightCols(2) = line_columns(sr[r], h.order + side * grid.step, h.directed);
             }
+    const std::vector<double> hums = plain_frequencies(block_numbers(), residual, fit[0].block_s);
+    const Family hum = vibration_family(hums, 1, fit.size(), 0);
+    for (double hz : hums)
+        for (std::size_t r = 0; r < fit.size(); ++r) {
+            const MatrixXd x = hum.columns(fit[r], {hz, 0});
+            rich[r].conservativeResize(Eigen::NoChange, rich[r].cols() + x.cols());
+            rich[r].rightCols(x.cols()) = x;
+        }
     NoiseModel noise = fit_noise(rows, rich, kArOrder);
     evidence_ = std::make_unique<Evidence>(std::move(rows), std::move(noise));
     scan = scan_orders(sr, evidence_->score(), evidence_->noise(), grid);
-    for (const LineHit &h : scan_peaks(scan, kPeaks)) {
-        const auto same = [&](const LineHit &k) { return k.order == h.order && k.directed == h.directed; };
-        if (std::none_of(hits.begin(), hits.end(), same))
-            hits.push_back(h);
-    }
-    families.push_back(line_family(joint, hits, 2 * static_cast<double>(grid.count())));
+    search(hits);
 
     const std::vector<RunSet> splits = balanced_splits(fit.size(), kSplits);
     scores.assign(families.size(), {});
     std::vector<double> log_e;
     for (std::size_t k = 0; k < families.size(); ++k) {
-        weigh(k, splits);
+        families[k].own_phase ? weigh_vibration(k, splits) : weigh(k, splits);
         log_e.push_back(scores[k].log_e);
     }
     const std::vector<double> p = ebh_adjusted(log_e);
@@ -328,9 +475,10 @@ void JointWork::refine(Found *f) const
         return;
     const bool line = f->family.id == "order_line";
     const auto llr = [&](double x) { return gls_fit(gram(f->family, {x, f->at.kind}), all_runs(fit.size())).llr; };
-    // orders are spaced evenly, all else by ratio
-    const double span = line ? scan.grid.step : std::log(2.0);
-    const auto at = [&](double s) { return line ? f->at.x + s : f->at.x * std::exp(s); };
+    // places and orders are spaced evenly, all else by ratio
+    const bool even = f->family.step > 0;
+    const double span = even ? f->family.step : std::log(2.0);
+    const auto at = [&](double s) { return even ? f->at.x + s : f->at.x * std::exp(s); };
     double lo = -span, hi = span;
     constexpr double golden = 0.6180339887498949;
     double a = hi - golden * (hi - lo), b = lo + golden * (hi - lo), fa = llr(at(a)), fb = llr(at(b));
@@ -350,15 +498,72 @@ void JointWork::refine(Found *f) const
         }
     }
     const double x = at(0.5 * (lo + hi)), best = llr(x);
-    const double step = 0.02 * (line ? scan.grid.step : x);
+    const double step = 0.02 * (even ? f->family.step : x);
     const double curve = (llr(x + step) - 2 * best + llr(x - step)) / (step * step);
-    f->x_sigma = curve < 0 ? 1 / std::sqrt(-curve) : std::abs(line ? scan.grid.step : x);
+    f->x_sigma = curve < 0 ? 1 / std::sqrt(-curve) : std::abs(even ? f->family.step : x);
+    // a run less moves the best place: seen on a few points around it, by the parabola through the best
+    constexpr int side = 6;
+    const double reach = std::min(even ? f->family.step : 0.3 * x, std::max(2 * f->x_sigma, 0.02 * (even ? f->family.step : x)));
+    std::vector<Gram> near;
+    for (int i = -side; i <= side; ++i)
+        near.push_back(gram(f->family, {x + reach * i / side, f->at.kind}));
+    MatrixXd left_out(1, static_cast<Index>(fit.size()));
+    for (std::size_t r = 0; r < fit.size(); ++r) {
+        RunSet use = all_runs(fit.size());
+        use[r] = 0;
+        std::vector<double> value;
+        for (const Gram &g : near)
+            value.push_back(gls_fit(g, use).llr);
+        const std::size_t top = static_cast<std::size_t>(std::max_element(value.begin(), value.end()) - value.begin());
+        double at_top = static_cast<double>(top);
+        if (top > 0 && top + 1 < value.size()) {
+            const double bend = value[top - 1] - 2 * value[top] + value[top + 1];
+            at_top += bend < 0 ? 0.5 * (value[top - 1] - value[top + 1]) / bend : 0;
+        }
+        left_out(0, static_cast<Index>(r)) = x + reach * (at_top - side) / side;
+    }
+    if (fit.size() > 1 && !f->family.own_phase)
+        f->x_sigma = std::max(f->x_sigma, std::sqrt(jackknife_variance(left_out)[0]));
     f->at.x = x;
     // a line of the gear is locked to the wave generator
     const double locked = std::round(x / arm_joint_.ratio) * arm_joint_.ratio;
     if (line && locked > 0 && std::abs(locked - x) < std::max(3 * f->x_sigma, 0.02 * scan.grid.step)
         && llr(locked) > best - kTie_nats)
         f->at.x = locked;
+}
+
+std::optional<Score> JointWork::weigh_offset(const Gates &gates) const
+{
+    const auto springs = [](const Found &f) { return f.family.id == "cable_spring"; };
+    if (std::any_of(found.begin(), found.end(), springs))
+        return {}; // whose rest is the same column
+    Gram g = evidence_->gram({});
+    const Index n = g.nuisances + 1;
+    // columns 0 and 1 become their sum, friction of both directions; their difference is the constant
+    MatrixXd turn = MatrixXd::Zero(n, n);
+    turn(0, 0) = turn(1, 0) = 1;
+    turn.block(2, 1, n - 3, n - 3).setIdentity();
+    turn(0, n - 2) = 1;
+    turn(1, n - 2) = -1;
+    turn(n - 1, n - 1) = 1;
+    for (auto *list : {&g.weighted, &g.plain})
+        for (MatrixXd &m : *list)
+            m = (turn.transpose() * m * turn).eval();
+    g.nuisances -= 1;
+    g.columns = 1;
+    const double scale = 10 * std::max(evidence_->rms_nm(), 1e-9);
+    g.prior = MatrixXd::Constant(1, 1, 1 / (scale * scale));
+    Score s;
+    s.excited = true;
+    s.log_e = split_log_e({&g}, balanced_splits(fit.size(), kSplits));
+    s.p_adjusted = std::exp(std::min(0.0, std::log(static_cast<double>(families.size() + 1)) - s.log_e));
+    s.gain = leave_one_run_out({&g})[0];
+    s.rms_nm = std::abs(gls_fit(g, all_runs(fit.size())).theta[0]);
+    // declared friction may be off by what its file says
+    const double declared = 1.5 * std::hypot(f0_sigma_nm[0], f0_sigma_nm[1]);
+    s.passes = s.p_adjusted <= gates.alpha && s.rms_nm >= std::max({gates.loose_share * gate_nm, remnant_nm, declared})
+               && s.gain.better >= gates.min_runs && 3 * s.gain.better >= 2 * s.gain.informative && s.gain.plain_total > 0;
+    return s;
 }
 
 double reducible_rms(const std::vector<BlockRows> &rows, const std::function<VectorXd(const BlockRows &)> &torque_nm)
@@ -540,6 +745,24 @@ ChainFit fit_chain(std::vector<Gram> grams)
     const VectorXd robust = (f.covariance * meat * f.covariance).diagonal();
     const VectorXd grow = (robust.array() / f.covariance.diagonal().array()).max(1.0).sqrt();
     f.covariance = grow.asDiagonal() * f.covariance * grow.asDiagonal();
+    MatrixXd left_out(a.rows(), static_cast<Index>(runs));
+    for (std::size_t r = 0; r < runs; ++r) {
+        RunSet use(runs, 1);
+        use[r] = 0;
+        MatrixXd part = grams[0].prior;
+        VectorXd right = VectorXd::Zero(a.rows());
+        for (const Gram &g : grams) {
+            const Projected p = project(g, use);
+            part += p.a;
+            right += p.b;
+        }
+        part.diagonal().array() += 1e-12;
+        left_out.col(static_cast<Index>(r)) = part.llt().solve(right);
+    }
+    if (runs > 1) {
+        const VectorXd more = (jackknife_variance(left_out).array() / f.covariance.diagonal().array()).max(1.0).sqrt();
+        f.covariance = more.asDiagonal() * f.covariance * more.asDiagonal();
+    }
     f.grams = std::move(grams);
     return f;
 }

@@ -54,10 +54,13 @@ public:
 
     int joint;                              // 0-based
     std::vector<BlockRows> fit, test;
-    std::vector<Family> families;           // the scan's lines last
+    std::vector<Family> families;           // what has to be searched for last
     std::vector<Found> found;
+    std::optional<Score> offset;            // a constant torque, taken from unequal Coulomb friction
     std::vector<Score> scores;              // one per family, same order
     OrderScan scan;
+    TimeScan times;
+    double f0_sigma_nm[2] = {0, 0};         // what the model file says of its Coulomb friction
     double floor_nm = 0, gate_nm = 0;       // gate: what is worth a name on this joint
     double remnant_nm = 0;                  // beside effects already found a new one must exceed this too
     bool stale = true;                      // found has changed since the last assess
@@ -68,10 +71,15 @@ public:
     Eigen::MatrixXd fixed(const BlockRows &b) const;
     Eigen::Index imperfection_columns() const { return 2 + 8 * arm_joint_.ripples; }
     Gram gram(const Family &f, Point at) const;
+    // Fit runs less nuisances and all that was found; axis too unless it is empty.
+    std::vector<Eigen::VectorXd> residual(const Found &axis) const;
     // Log likelihood of residuals on held-out runs under this noise: run effects are integrated out.
     double held_out_log_likelihood(const std::vector<Eigen::VectorXd> &residual_nm) const;
     // Fit the noise, scan orders, weigh every family.
     void assess(const Gates &gates);
+    // A constant torque, after all else: sliding rows show it only as Coulomb friction that has grown
+    // in one direction by what it lost in the other.
+    std::optional<Score> weigh_offset(const Gates &gates) const;
     // Best x near found.back().at by maximum likelihood; its sigma from the curvature.
     void refine(Found *f) const;
 
@@ -79,10 +87,14 @@ private:
     hdt_arm_joint arm_joint_;
     double min_rms_nm_;
     std::unique_ptr<Evidence> evidence_;
+    std::size_t listed_ = 0;                // families that need no search come first
+    std::vector<RunRows> run_rows() const;
+    void search(const std::vector<LineHit> &lines);
     void weigh(std::size_t family, const std::vector<RunSet> &splits);
+    void weigh_vibration(std::size_t family, const std::vector<RunSet> &splits);
     std::vector<Eigen::MatrixXd> rich_columns() const;
-    std::vector<LineHit> plain_lines(const std::vector<RunRows> &rows, const std::vector<Eigen::MatrixXd> &rich,
-                                     const OrderGrid &grid) const;
+    std::vector<LineHit> plain_lines(const std::vector<Eigen::VectorXd> &residual, const OrderGrid &grid) const;
+    BlockNumbers block_numbers() const;
     double found_rms_nm() const;
 };
 

@@ -34,6 +34,15 @@ struct Effect {
     bool adopted = false;           // written into the model
 };
 
+// What lives in a part of one run only: not in the fit, not in the model.
+struct RunEvent {
+    std::string run;                // file
+    double from_s, to_s;
+    std::string kind;               // torque, friction, angle
+    double torque_nm, angle_rad;    // angle: "angle" only
+    double log_likelihood;
+};
+
 struct Candidate { std::string id; double log_e, gain_nm, rms_nm, p_adjusted; std::string note; };
 
 struct JointDiagnosis {
@@ -46,6 +55,7 @@ struct JointDiagnosis {
     std::vector<Effect> effects;
     std::vector<std::string> ambiguous_with;
     std::string next_experiment;
+    std::vector<RunEvent> events;
     std::vector<Candidate> tried;   // all of them, best first
     std::vector<std::pair<std::string, double>> detection_limit_nm; // per effect, when nothing
     std::string words;              // the verdict as a sentence

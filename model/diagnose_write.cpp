@@ -53,6 +53,14 @@ Json joint_json(const JointDiagnosis &d)
     j["ambiguous_with"] = d.ambiguous_with;
     j["next_experiment"] = d.next_experiment;
     j["words"] = d.words;
+    j["events"] = Json::array();
+    for (const RunEvent &e : d.events) {
+        Json one = {{"run", e.run}, {"from_s", e.from_s}, {"to_s", e.to_s}, {"kind", e.kind}, {"torque_nm", e.torque_nm}};
+        if (e.kind == "angle")
+            one["angle_rad"] = e.angle_rad;
+        one["log_likelihood"] = e.log_likelihood;
+        j["events"].push_back(std::move(one));
+    }
     j["tried"] = Json::array();
     for (const Candidate &c : d.tried)
         j["tried"].push_back({{"id", c.id}, {"log_e", c.log_e}, {"p_adjusted", c.p_adjusted}, {"rms_nm", c.rms_nm},
@@ -133,6 +141,13 @@ void add_joint(Report *report, const JointDiagnosis &d)
                                 num(e.p_adjusted, 2), e.adopted ? "yes" : "no"});
         }
         report->table(rows, "What is missing, with its numbers");
+    }
+    if (!d.events.empty()) {
+        Rows rows = {{"run", "from s", "to s", "kind", "torque N.m", "angle rad"}};
+        for (const RunEvent &e : d.events)
+            rows.push_back({e.run, num(e.from_s), num(e.to_s), e.kind, num(e.torque_nm),
+                            e.kind == "angle" ? num(e.angle_rad) : ""});
+        report->table(rows, "In part of one run only: a push, a drag, a slip. Left out of the fit, no part of the model");
     }
     if (!d.residual_before_nm.empty())
         add_pictures(report, d);

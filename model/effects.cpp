@@ -21,9 +21,17 @@ namespace {
 constexpr Index kKnots = 8;
 constexpr double kMoves_rad = 0.05;
 constexpr double kPayloadReach_m = 0.4; // no tool's centre of mass lies further from the flange
+constexpr double kHealthyDelay_s = 0.003, kHealthySpeed_radps = 0.2; // sigma of delay; speed that doubles ripple
+constexpr double kBumpWidth_rad[] = {0.04, 0.08, 0.16};
+constexpr double kStepWidth_nm[] = {6, 15};
+constexpr double kHealthyRise_s = 0.25; // ripple rising by this share of Coulomb friction per rad/s
+constexpr double kLateStep_s = 0.01;
+constexpr Index kLateSteps = 4;
+constexpr std::size_t kPlaces = 3;      // of a search, weighed in full
+constexpr double kTwoPi = 6.283185307179586;
 
 // Columns of the chain at each block's mean state, all joints at once.
-struct ChainColumns { std::vector<MatrixXd> body, own, tilt; MatrixXd dgdq; };
+struct ChainColumns { std::vector<MatrixXd> body, own, tilt, mass; MatrixXd dgdq; };
 
 void chain_at(const hdt_arm &arm, const VectorXd &q, const VectorXd &v, const VectorXd &a, Index row,
               ChainColumns *out)
@@ -36,6 +44,14 @@ void chain_at(const hdt_arm &arm, const VectorXd &q, const VectorXd &v, const Ve
     for (int k = 0; k < 2; ++k) {
         std::copy(turned[k], turned[k] + 3, tilted.gravity_mps2);
         tilt[k] = rbd::gravity(tilted, q);
+    }
+    hdt_arm afloat = arm;
+    std::fill(afloat.gravity_mps2, afloat.gravity_mps2 + 3, 0.0);
+    const VectorXd still = VectorXd::Zero(q.size());
+    for (Index j = 0; j < q.size(); ++j) {
+        const VectorXd column = rbd::inverse_dynamics(afloat, q, still, VectorXd::Unit(q.size(), j));
+        for (Index i = 0; i < q.size(); ++i)
+            out->mass[static_cast<std::size_t>(i)](row, j) = column[i];
     }
     constexpr double dq = 1e-4;
     for (Index j = 0; j < q.size(); ++j) {
@@ -59,6 +75,7 @@ ChainColumns chain_columns(const hdt_arm &arm, const Conditioned &c)
     out.body.assign(joints, MatrixXd::Zero(blocks, 4));
     out.own.assign(joints, MatrixXd::Zero(blocks, 2));
     out.tilt.assign(joints, MatrixXd::Zero(blocks, 2));
+    out.mass.assign(joints, MatrixXd::Zero(blocks, n));
     out.dgdq = MatrixXd::Zero(blocks, n);
     const auto part = [&](Index lo, Index hi) {
         for (Index b = lo; b < hi; ++b) {
@@ -114,6 +131,18 @@ MatrixXd hats(const VectorXd &x, const VectorXd &sign, const std::vector<double>
         m(t, i + 1) = w * sign[t];
     }
     return m;
+}
+
+// Rate of the declared torque over unbroken blocks, N.m/s; zero elsewhere.
+VectorXd torque_rate(const BlockRows &b)
+{
+    VectorXd rate = VectorXd::Zero(b.size());
+    for (Index t = 1; t + 1 < b.size(); ++t) {
+        const auto i = static_cast<std::size_t>(t);
+        if (b.block[i + 1] == b.block[i] + 1 && b.block[i - 1] == b.block[i] - 1)
+            rate[t] = (b.total[t + 1] - b.total[t - 1]) / (2 * b.block_s);
+    }
+    return rate;
 }
 
 using Signal = std::function<VectorXd(const BlockRows &)>;
@@ -227,13 +256,41 @@ void add_load_families(std::vector<Family> *out, const hdt_arm &arm, int joint, 
     out->back().plausible = [declared_mu](const VectorXd &th) { return declared_mu + th[0] > 0; };
     add(out, "torque_gain", {"torque"}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.total; });
     add(out, "cable_spring", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.q; });
-    add(out, "link_mass", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.own; });
     add(out, "joint_offset", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.dgdq; });
+    add(out, "link_mass", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.own; });
     add(out, "base_tilt", poses, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.tilt; });
     out->back().chain = true;
-    add(out, "eccentricity", {q, "torque"}, {{}}, [](const BlockRows &b, Point) -> MatrixXd {
-        return two(b.total.cwiseProduct(b.q.array().sin().matrix()), b.total.cwiseProduct(b.q.array().cos().matrix()));
+    // the resolver reads ahead by a sine of the angle: torque of another angle
+    add(out, "eccentricity", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd {
+        return two(b.dgdq.cwiseProduct(b.q.array().sin().matrix()), b.dgdq.cwiseProduct(b.q.array().cos().matrix()));
     });
+    std::vector<double> size;
+    for (const BlockRows &b : runs)
+        for (Index t = 0; t < b.size(); ++t)
+            size.push_back(std::abs(b.total[t]));
+    std::sort(size.begin(), size.end());
+    std::vector<Point> knees;
+    for (double share : {0.5, 0.65, 0.8, 0.9})
+        if (!size.empty() && size.back() > 0)
+            knees.push_back({size[static_cast<std::size_t>(share * static_cast<double>(size.size() - 1))], 0});
+    if (!knees.empty())
+        add(out, "torque_saturation", {"torque"}, knees,
+            [](const BlockRows &b, Point p) -> MatrixXd {
+                return b.total.array().sign() * (b.total.array().abs() - p.x).max(0.0);
+            },
+            // more current for the same torque, never less
+            true, [](const VectorXd &th) { return th[0] > 0; });
+    // what is reported is the torque of a while ago: all of it, so that the coefficient is near one
+    add(out, "torque_delay", {"torque", "time"}, points({0.01, 0.015, 0.02, 0.03, 0.04}),
+        [](const BlockRows &b, Point p) -> MatrixXd {
+            const double at = p.x / kLateStep_s;
+            const Index i = std::clamp<Index>(static_cast<Index>(at), 0, b.late.cols() - 1);
+            const double w = at - static_cast<double>(i);
+            const VectorXd before = i == 0 ? VectorXd::Zero(b.size()).eval() : b.late.col(i - 1).eval();
+            return (1 - w) * before + w * b.late.col(i);
+        },
+        true, [](const VectorXd &th) { return th[0] > 0.5 && th[0] < 1.6; });
+    out->back().twin = true;
     // the load drives the joint: friction shrinks only then
     add(out, "drive_efficiency", {"load", "direction"}, {{}}, [](const BlockRows &b, Point) -> MatrixXd {
         return b.dir.cwiseProduct(b.dir.cwiseProduct(b.gravity).cwiseMax(0.0));
@@ -271,18 +328,32 @@ void add_ripple_families(std::vector<Family> *out, const hdt_arm &arm, int joint
 {
     const hdt_arm_joint &aj = arm.joint[joint];
     std::vector<Point> orders;
-    for (int k = 0; k < aj.ripples; ++k)
-        for (int directed = 0; directed < 2; ++directed)
+    const auto declared = [&](double order) {
+        return std::any_of(aj.ripple, aj.ripple + aj.ripples, [&](const hdt_arm_line &r) { return r.order_rev == order; });
+    };
+    for (int directed = 0; directed < 2; ++directed) {
+        for (int k = 0; k < aj.ripples; ++k)
             orders.push_back({aj.ripple[k].order_rev, directed});
-    if (orders.empty())
-        return;
-    const std::string q = name_of("q", joint);
+        // a wave generator's own orders need not be declared to rise with load or speed
+        for (double order : {aj.ratio, 2 * aj.ratio})
+            if (!declared(order))
+                orders.push_back({order, directed});
+    }
+    const std::string q = name_of("q", joint), v = name_of("v", joint);
     const auto scaled = [](const BlockRows &b, Point p, const VectorXd &by) -> MatrixXd {
         return by.asDiagonal() * line_columns(b.scan(), p.x, p.kind == 1);
     };
     add(out, "ripple_load", {q, "load"}, orders, [scaled](const BlockRows &b, Point p) {
         return scaled(b, p, b.gravity.cwiseAbs());
     });
+    // a rotor answers the ripple of a healthy gear too: it takes more than that to be worth a name
+    double healthy = kHealthyRise_s * std::max(aj.friction[0].f0_nm, aj.friction[1].f0_nm);
+    for (int k = 0; k < aj.ripples; ++k)
+        healthy = std::max(healthy, 0.5 * std::abs(aj.ripple[k].amplitude_nm) / kHealthySpeed_radps);
+    add(out, "ripple_speed", {q, v}, orders, [scaled](const BlockRows &b, Point p) {
+        return scaled(b, p, b.v.cwiseAbs());
+    }, false, [healthy](const VectorXd &th) { return th.norm() > healthy; });
+    out->back().twin = true;
 }
 
 void add_axes(std::vector<Family> *out, int joint, const std::vector<BlockRows> &runs, Index joints)
@@ -323,10 +394,51 @@ BlockRows BlockRows::slice(Index begin, Index end) const
                         &BlockRows::dir, &BlockRows::travel, &BlockRows::gravity, &BlockRows::total,
                         &BlockRows::dgdq, &BlockRows::vibration, &BlockRows::built_up})
         s.*member = (this->*member).segment(begin, n).eval();
-    for (auto member : {&BlockRows::q_all, &BlockRows::a_all, &BlockRows::body, &BlockRows::own, &BlockRows::tilt})
+    for (auto member : {&BlockRows::q_all, &BlockRows::a_all, &BlockRows::body, &BlockRows::own, &BlockRows::tilt,
+                        &BlockRows::mass, &BlockRows::late})
         s.*member = (this->*member).middleRows(begin, n).eval();
     return s;
 }
+
+BlockRows BlockRows::pick(const std::vector<Index> &rows) const
+{
+    BlockRows s = *this;
+    s.block.clear();
+    for (Index i : rows)
+        s.block.push_back(block[static_cast<std::size_t>(i)]);
+    for (auto member : {&BlockRows::t_s, &BlockRows::y_nm, &BlockRows::q, &BlockRows::v, &BlockRows::a,
+                        &BlockRows::dir, &BlockRows::travel, &BlockRows::gravity, &BlockRows::total,
+                        &BlockRows::dgdq, &BlockRows::vibration, &BlockRows::built_up})
+        s.*member = take(this->*member, rows);
+    for (auto member : {&BlockRows::q_all, &BlockRows::a_all, &BlockRows::body, &BlockRows::own, &BlockRows::tilt,
+                        &BlockRows::mass, &BlockRows::late})
+        s.*member = take(this->*member, rows);
+    return s;
+}
+
+namespace {
+
+// Torque of kLateStep_s, 2 kLateStep_s, ... ago less that of now, every row; before the run began, its
+// first.  Friction turns over with the motion, before the speed is high enough to show a direction.
+MatrixXd late_torque(VectorXd total, const VectorXd &dir, const VectorXd &t_s)
+{
+    for (Index t = total.size() - 1; t-- > 0;)
+        total[t] = dir[t] == 0 ? total[t + 1] : total[t];
+    MatrixXd out(total.size(), kLateSteps);
+    for (Index k = 0; k < kLateSteps; ++k) {
+        Index i = 0;
+        for (Index t = 0; t < total.size(); ++t) {
+            const double then = t_s[t] - kLateStep_s * static_cast<double>(k + 1);
+            while (i + 1 < t && t_s[i + 1] <= then)
+                ++i;
+            const double w = t > 0 ? std::clamp((then - t_s[i]) / (t_s[i + 1] - t_s[i]), 0.0, 1.0) : 0;
+            out(t, k) = (1 - w) * total[i] + (t > 0 ? w * total[i + 1] : 0) - total[t];
+        }
+    }
+    return out;
+}
+
+} // namespace
 
 std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c, const Run &run, bool to_fit)
 {
@@ -366,6 +478,8 @@ std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c, cons
         b.own = take(chain.own[k], b.block);
         b.tilt = take(chain.tilt[k], b.block);
         b.dgdq = take(chain.dgdq.col(j), b.block);
+        b.late = c.block_means(j, late_torque(total, c.dir.col(j), c.t_s));
+        b.mass = take(chain.mass[k], b.block);
         out.push_back(std::move(b));
     }
     return out;
@@ -383,17 +497,12 @@ MatrixXd nuisance_columns(const BlockRows &b)
 
 Imperfections imperfections(const hdt_arm_joint &joint, const BlockRows &b)
 {
-    constexpr double delay_s = 0.003, speed_radps = 0.2, inertia_kgm2 = 10;
+    constexpr double inertia_kgm2 = 10;
     Imperfections out;
     out.columns = MatrixXd::Zero(b.size(), 2 + 8 * joint.ripples);
-    out.sigma = VectorXd::Constant(out.columns.cols(), delay_s);
-    // rate of the declared torque, over unbroken blocks
-    for (Index t = 1; t + 1 < b.size(); ++t) {
-        const auto i = static_cast<std::size_t>(t);
-        if (b.block[i + 1] == b.block[i] + 1 && b.block[i - 1] == b.block[i] - 1)
-            out.columns(t, 1) = (b.total[t + 1] - b.total[t - 1]) / (2 * b.block_s);
-    }
+    out.sigma = VectorXd::Constant(out.columns.cols(), kHealthyDelay_s);
     out.columns.col(0) = b.vibration;
+    out.columns.col(1) = torque_rate(b);
     out.sigma[0] = inertia_kgm2;
     const VectorXd speed = b.v.cwiseAbs();
     for (int k = 0; k < joint.ripples; ++k) {
@@ -401,7 +510,7 @@ Imperfections imperfections(const hdt_arm_joint &joint, const BlockRows &b)
         const MatrixXd line = line_columns(b.scan(), order, false), directed = line_columns(b.scan(), order, true);
         // at speed the rotor answers; wind-up by friction shifts the angle with direction
         out.columns.middleCols(2 + 8 * k, 8) << speed.asDiagonal() * line, speed.asDiagonal() * directed, line, directed;
-        out.sigma.segment(2 + 8 * k, 4).setConstant(amplitude / speed_radps);
+        out.sigma.segment(2 + 8 * k, 4).setConstant(amplitude / kHealthySpeed_radps);
         out.sigma.segment(6 + 8 * k, 4).setConstant(0.3 * amplitude);
     }
     return out;
@@ -418,18 +527,20 @@ std::vector<Family> effect_families(const hdt_arm &arm, int joint, const std::ve
     add_motion_families(&out, joint);
     std::vector<Point> others;
     for (int k = 0; k < arm.joints; ++k)
-        if (k != joint && moves(runs, k))
-            others.push_back({0, k});
+        if (k != joint && moves(runs, k)) {
+            others.push_back({1, k}); // the declared chain's share is wrong
+            others.push_back({0, k}); // something else that the other joint swings
+        }
     if (!others.empty())
         add(&out, "coupling", {"other joints' acceleration"}, others, [](const BlockRows &b, Point p) -> MatrixXd {
-            return b.a_all.col(p.kind);
+            return p.x > 0.5 ? b.mass.col(p.kind).cwiseProduct(b.a_all.col(p.kind)).eval() : b.a_all.col(p.kind).eval();
         });
     add_ripple_families(&out, arm, joint);
     add_axes(&out, joint, runs, arm.joints);
     return out;
 }
 
-Family line_family(int joint, const std::vector<LineHit> &hits, double tried)
+Family line_family(int joint, const std::vector<LineHit> &hits, double tried, double step)
 {
     Family f;
     f.id = "order_line";
@@ -439,6 +550,173 @@ Family line_family(int joint, const std::vector<LineHit> &hits, double tried)
     f.grid_count = std::max(tried, 1.0);
     f.columns = [](const BlockRows &b, Point p) { return line_columns(b.scan(), p.x, p.kind == 1); };
     f.refine = true;
+    f.step = step;
+    return f;
+}
+
+namespace {
+
+// A place along some signal, its width by number, and the power of what stands there.
+struct Place { double x; int kind; double power; };
+
+// The strongest local maxima, width by width.
+std::vector<Place> strongest(std::vector<Place> places)
+{
+    std::vector<Place> top;
+    for (std::size_t i = 0; i < places.size(); ++i) {
+        const auto lower = [&](std::size_t k) { return k >= places.size() || places[k].kind != places[i].kind
+                                                       || places[k].power <= places[i].power; };
+        if (places[i].power > 0 && lower(i - 1) && lower(i + 1))
+            top.push_back(places[i]);
+    }
+    std::stable_sort(top.begin(), top.end(), [](const Place &a, const Place &b) { return a.power > b.power; });
+    top.resize(std::min(top.size(), kPlaces));
+    return top;
+}
+
+// Score and rows over a signal, in equal bins.
+struct Bins {
+    double lo = 0, width = 1;
+    VectorXd score, rows;
+    double at(Index k) const { return lo + (static_cast<double>(k) + 0.5) * width; }
+};
+
+Bins bins_of(const std::vector<BlockRows> &runs, const std::vector<VectorXd> &score, const Signal &signal,
+             const Signal &weight, Index count)
+{
+    Bins b;
+    double hi = -1e300;
+    b.lo = 1e300;
+    for (const BlockRows &r : runs)
+        if (r.size() > 0) {
+            const VectorXd x = signal(r);
+            b.lo = std::min(b.lo, x.minCoeff());
+            hi = std::max(hi, x.maxCoeff());
+        }
+    b.width = std::max((hi - b.lo) / static_cast<double>(count), 1e-9);
+    b.score = b.rows = VectorXd::Zero(count);
+    for (std::size_t r = 0; r < runs.size(); ++r) {
+        const VectorXd x = signal(runs[r]), w = weight(runs[r]);
+        for (Index t = 0; t < x.size(); ++t) {
+            const Index k = std::clamp<Index>(static_cast<Index>((x[t] - b.lo) / b.width), 0, count - 1);
+            b.score[k] += w[t] * score[r][t];
+            b.rows[k] += w[t] * w[t];
+        }
+    }
+    return b;
+}
+
+// Share of full loss: 0 below the step, 1 above.
+VectorXd loss_step(const VectorXd &load, double at, double width)
+{
+    return ((load.array() - at) / width + 0.5).max(0.0).min(1.0);
+}
+
+// Power of a loss step at each load of the bins, one direction: beside that direction's own Coulomb
+// friction; less than three in a hundred rows on one side show no step.
+double step_power(const Bins &b, double at, double width)
+{
+    VectorXd x(b.rows.size());
+    for (Index k = 0; k < x.size(); ++k)
+        x[k] = b.at(k);
+    const VectorXd h = loss_step(x, at, width);
+    const double rows = b.rows.sum(), above = h.dot(b.rows), square = h.cwiseAbs2().dot(b.rows);
+    const double info = square - above * above / std::max(rows, 1e-9);
+    if (above < 0.03 * rows || above > 0.97 * rows || !(info > 0))
+        return 0;
+    const double score = (h.array() - above / rows).matrix().dot(b.score);
+    return score > 0 ? score * score / info : 0;
+}
+
+} // namespace
+
+Family local_family(int joint, const std::vector<BlockRows> &runs, const std::vector<VectorXd> &score)
+{
+    Family f;
+    f.id = "local_friction";
+    f.depends_on = {name_of("q", joint), "direction"};
+    const Bins b = bins_of(runs, score, [](const BlockRows &r) { return r.q; }, [](const BlockRows &r) { return r.dir; }, 200);
+    const double hi = b.lo + b.width * static_cast<double>(b.rows.size());
+    std::vector<Place> places;
+    for (int kind = 0; kind < 3; ++kind)
+        for (double c = b.lo + kBumpWidth_rad[kind]; c < hi - kBumpWidth_rad[kind]; c += 0.5 * kBumpWidth_rad[kind]) {
+            double sum = 0, info = 1e-12;
+            for (Index k = 0; k < b.rows.size(); ++k) {
+                const double u = (b.at(k) - c) / kBumpWidth_rad[kind], bump = std::exp(-0.5 * u * u);
+                sum += bump * b.score[k];
+                info += bump * bump * b.rows[k];
+            }
+            places.push_back({c, kind, sum > 0 ? sum * sum / info : 0});
+        }
+    f.grid_count = std::max(1.0, static_cast<double>(places.size()));
+    for (const Place &p : strongest(std::move(places)))
+        f.grid.push_back({p.x, p.kind});
+    f.columns = [](const BlockRows &r, Point p) -> MatrixXd {
+        const double w = kBumpWidth_rad[p.kind];
+        return r.dir.array() * (-0.5 * ((r.q.array() - p.x) / w).square()).exp();
+    };
+    f.plausible = [](const VectorXd &th) { return th[0] > 0; };
+    f.refine = true;
+    f.step = kBumpWidth_rad[0];
+    return f;
+}
+
+Family windup_family(const std::vector<BlockRows> &runs, const std::vector<VectorXd> &score)
+{
+    Family f;
+    f.id = "soft_windup";
+    f.depends_on = {"load", "direction"};
+    // load against the motion: the gear drives it where that is positive
+    const auto driven = [](const BlockRows &r) -> VectorXd { return r.dir.cwiseProduct(r.gravity); };
+    const Bins up = bins_of(runs, score, driven, [](const BlockRows &r) -> VectorXd { return r.dir.cwiseMax(0.0); }, 200);
+    const Bins down = bins_of(runs, score, driven, [](const BlockRows &r) -> VectorXd { return r.dir.cwiseMin(0.0); }, 200);
+    const double hi = up.lo + up.width * static_cast<double>(up.rows.size());
+    std::vector<Place> places;
+    for (int kind = 0; kind < 2; ++kind)
+        for (double at = up.lo; at < hi; at += 0.5 * kStepWidth_nm[kind])
+            places.push_back({at, kind, step_power(up, at, kStepWidth_nm[kind]) + step_power(down, at, kStepWidth_nm[kind])});
+    f.grid_count = std::max(1.0, static_cast<double>(places.size()));
+    for (const Place &p : strongest(std::move(places)))
+        f.grid.push_back({p.x, p.kind});
+    f.columns = [driven](const BlockRows &r, Point p) -> MatrixXd {
+        const VectorXd h = loss_step(driven(r), p.x, kStepWidth_nm[p.kind]);
+        return two(h.cwiseProduct(r.dir.cwiseMax(0.0)), h.cwiseProduct(r.dir.cwiseMin(0.0)));
+    };
+    // the loss is larger while the gear drives, in both directions
+    f.plausible = [](const VectorXd &th) { return th[0] > 0 && th[1] > 0; };
+    f.refine = true;
+    f.step = 0.5 * kStepWidth_nm[0];
+    return f;
+}
+
+double bump_width_rad(int kind) { return kBumpWidth_rad[kind]; }
+double step_width_nm(int kind) { return kStepWidth_nm[kind]; }
+
+double block_gain(double hz, double block_s)
+{
+    const double x = 0.5 * kTwoPi * hz * block_s;
+    return std::abs(x) < 1e-6 ? 1 : std::sin(x) / x;
+}
+
+Family vibration_family(const std::vector<double> &hz, double tried, std::size_t runs, double step_hz)
+{
+    Family f;
+    f.id = "external_vibration";
+    f.depends_on = {"time"};
+    for (double x : hz)
+        f.grid.push_back({x, 0});
+    f.grid_count = std::max(tried, 1.0);
+    f.columns = [runs](const BlockRows &b, Point p) -> MatrixXd {
+        MatrixXd x = MatrixXd::Zero(b.size(), 2 * static_cast<Index>(runs));
+        if (b.index >= 0) {
+            x.col(2 * b.index) = (kTwoPi * p.x * b.t_s.array()).sin();
+            x.col(2 * b.index + 1) = (kTwoPi * p.x * b.t_s.array()).cos();
+        }
+        return x;
+    };
+    f.refine = true;
+    f.step = step_hz;
+    f.own_phase = true;
     return f;
 }
 

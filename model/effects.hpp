@@ -33,10 +33,14 @@ struct BlockRows {
     Eigen::MatrixXd own;               // d tau / d (mx, my) of this joint's link
     Eigen::MatrixXd tilt;              // d tau / d base tilt about x and y
     Eigen::VectorXd dgdq;              // d gravity / d own angle
+    Eigen::MatrixXd mass;              // d tau / d acceleration of each joint, declared chain
+    Eigen::MatrixXd late;              // declared torque 10, 20, 30, 40 ms ago, less that of now
+    Eigen::Index index = -1;           // number of the run among those to fit; -1: held out
 
     Eigen::Index size() const { return y_nm.size(); }
     ScanRows scan() const { return {q, v, dir, block_s}; }
     BlockRows slice(Eigen::Index begin, Eigen::Index end) const;
+    BlockRows pick(const std::vector<Eigen::Index> &rows) const;
 };
 
 // Every joint of a run (0-based), rows without a valid block left out.  To fit, acceleration is the
@@ -65,6 +69,9 @@ struct Family {
     std::function<Eigen::MatrixXd(const BlockRows &, Point)> columns;
     std::function<bool(const Eigen::VectorXd &)> plausible; // sign of the estimate; empty: any
     bool refine = false;               // x is continuous: refined by maximum likelihood
+    double step = 0;                   // refined within +- this; 0: within a factor of two
+    bool twin = false;                 // the imperfections hold the same columns, within bounds
+    bool own_phase = false;            // coefficients are each run's own: nothing a model could hold
     bool chain = false;                // one set of numbers for all joints
     Eigen::MatrixXd roughness;         // axes: second differences of neighbours, columns x columns
     std::vector<double> knots;         // axes
@@ -74,7 +81,19 @@ struct Family {
 
 // In order of preference where the data cannot tell two apart.  joint is 0-based.
 std::vector<Family> effect_families(const hdt_arm &arm, int joint, const std::vector<BlockRows> &runs);
-// Orders of the scan's strongest lines as a family.
-Family line_family(int joint, const std::vector<LineHit> &hits, double tried);
+// Orders of the scan's strongest lines as a family, orders step apart.
+Family line_family(int joint, const std::vector<LineHit> &hits, double tried, double step);
+// Places where friction is locally higher, the strongest by the score (inverse covariance of the
+// noise times residual, per run).
+Family local_family(int joint, const std::vector<BlockRows> &runs, const std::vector<Eigen::VectorXd> &score);
+// Loads at which a gear's loss steps up as it begins to drive, mirrored for the other direction.
+Family windup_family(const std::vector<BlockRows> &runs, const std::vector<Eigen::VectorXd> &score);
+// Frequencies fixed in time, phase free in each run; hits holds Hz.
+Family vibration_family(const std::vector<double> &hz, double tried, std::size_t runs, double step_hz);
+// Widths of the bumps and steps of the two searches, by Point::kind.
+double bump_width_rad(int kind);
+double step_width_nm(int kind);
+// What averaging over a block leaves of a line of this frequency.
+double block_gain(double hz, double block_s);
 
 } // namespace hdt

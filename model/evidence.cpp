@@ -390,6 +390,15 @@ std::vector<VectorXd> Evidence::score() const
     return out;
 }
 
+void Evidence::products(std::size_t run, const MatrixXd &x, const VectorXd &residual, MatrixXd *a, VectorXd *b) const
+{
+    const Prepared &p = prepared_[run];
+    const MatrixXd xw = whiten(noise_, runs_[run].lags, x), zx = p.half * (p.random.transpose() * xw);
+    const VectorXd ew = whiten(noise_, runs_[run].lags, residual), ze = p.half * (p.random.transpose() * ew);
+    *a = xw.transpose() * xw - zx.transpose() * zx;
+    *b = xw.transpose() * ew - zx.transpose() * ze;
+}
+
 std::vector<RunSet> balanced_splits(std::size_t runs, std::size_t most)
 {
     std::vector<RunSet> out;
@@ -476,6 +485,29 @@ MatrixXd run_covariance(const Gram &g, const GlsFit &fit)
     MatrixXd out = fit.covariance;
     const VectorXd grow = (cov.diagonal().array() / fit.covariance.diagonal().array()).max(1.0).sqrt();
     return grow.asDiagonal() * out * grow.asDiagonal();
+}
+
+VectorXd jackknife_variance(const MatrixXd &left_out)
+{
+    const double runs = static_cast<double>(left_out.cols());
+    const VectorXd mean = left_out.rowwise().mean();
+    return (runs - 1) / std::max(runs, 1.0) * (left_out.colwise() - mean).rowwise().squaredNorm();
+}
+
+MatrixXd jackknife_covariance(const Gram &g, const MatrixXd &covariance)
+{
+    const std::size_t runs = g.weighted.size();
+    if (runs < 2)
+        return covariance;
+    MatrixXd left_out(g.nuisances + g.columns, static_cast<Index>(runs));
+    for (std::size_t r = 0; r < runs; ++r) {
+        RunSet use(runs, 1);
+        use[r] = 0;
+        const GlsFit fit = gls_fit(g, use);
+        left_out.col(static_cast<Index>(r)) << fit.nuisance, fit.theta;
+    }
+    const VectorXd grow = (jackknife_variance(left_out).array() / covariance.diagonal().array()).max(1.0).sqrt();
+    return grow.asDiagonal() * covariance * grow.asDiagonal();
 }
 
 double log_mean_exp(const std::vector<double> &x, double count)

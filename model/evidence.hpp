@@ -70,6 +70,9 @@ public:
     Gram gram(const std::vector<Eigen::MatrixXd> &x) const;
     // Inverse covariance times (y - nuisances), per run: a candidate's score is x' times this.
     std::vector<Eigen::VectorXd> score() const;
+    // x' V^-1 x and x' V^-1 residual of one run, V the noise's covariance.
+    void products(std::size_t run, const Eigen::MatrixXd &x, const Eigen::VectorXd &residual, Eigen::MatrixXd *a,
+                  Eigen::VectorXd *b) const;
 
 private:
     std::vector<RunRows> runs_;
@@ -94,6 +97,11 @@ struct GlsFit {
 GlsFit gls_fit(const Gram &g, const RunSet &use);
 // Covariance that trusts only the scatter between runs, never less than the model's.
 Eigen::MatrixXd run_covariance(const Gram &g, const GlsFit &fit);
+
+// The same with each variance no less than the jackknife's: estimates with one run left out at a time.
+Eigen::MatrixXd jackknife_covariance(const Gram &g, const Eigen::MatrixXd &covariance);
+// Variances of left-out estimates (one per run, columns are runs) of a number.
+Eigen::VectorXd jackknife_variance(const Eigen::MatrixXd &left_out);
 
 // Log of the mean over splits of L(theta of one half; other half) / L(0; other half), nuisances
 // projected out.  An e-value: its expectation is at most one when there is no effect.

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Owns: order grid, screening, block-averaged line columns (see scan.hpp).
+// Owns: order and frequency grids, screening, block-averaged line columns (see scan.hpp).
 // Never: decides.
 #include "model/scan.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
+#include <numeric>
 
 namespace hdt {
 
@@ -146,6 +148,147 @@ std::vector<LineHit> scan_peaks(const OrderScan &scan, std::size_t most)
         out.insert(out.end(), hits.begin(), hits.end());
     }
     return out;
+}
+
+TimeGrid time_grid(const BlockNumbers &blocks, double block_s)
+{
+    constexpr double slowest_hz = 0.5, periods = 0.45; // a period every so many blocks is the fastest
+    Index most = 64;
+    for (const auto &b : blocks)
+        most = b.empty() ? most : std::max(most, b.back() - b.front() + 1);
+    TimeGrid g;
+    g.block_s = block_s;
+    // twice as fine as the longest run resolves
+    for (g.points = 128; g.points < 2 * static_cast<std::size_t>(most); g.points *= 2) {}
+    g.first = static_cast<std::size_t>(std::ceil(slowest_hz / g.step_hz()));
+    g.last = static_cast<std::size_t>(periods * static_cast<double>(g.points));
+    return g;
+}
+
+namespace {
+
+// Where noise is stronger around a frequency than the model says, a line has to stand out of that.
+void calm_neighbourhood(std::vector<double> &power, std::vector<double> &information)
+{
+    constexpr std::ptrdiff_t reach = 40, skip = 4;
+    constexpr double median_of_two = 1.3862943611198906; // of a chi square with two degrees of freedom
+    const auto n = static_cast<std::ptrdiff_t>(power.size());
+    std::vector<double> around, calm(power.size());
+    for (std::ptrdiff_t k = 0; k < n; ++k) {
+        around.clear();
+        for (std::ptrdiff_t i = std::max<std::ptrdiff_t>(0, k - reach); i < std::min(n, k + reach + 1); ++i)
+            if (std::abs(i - k) > skip)
+                around.push_back(power[static_cast<std::size_t>(i)]);
+        if (around.empty())
+            around.push_back(median_of_two);
+        const auto mid = around.begin() + static_cast<std::ptrdiff_t>(around.size() / 2);
+        std::nth_element(around.begin(), mid, around.end());
+        calm[static_cast<std::size_t>(k)] = std::max(1.0, *mid / median_of_two);
+    }
+    for (std::size_t k = 0; k < power.size(); ++k) {
+        power[k] /= calm[k];
+        information[k] /= calm[k];
+    }
+}
+
+} // namespace
+
+namespace {
+
+// In place, radix two.
+void fourier(std::vector<std::complex<double>> &x)
+{
+    const std::size_t n = x.size();
+    for (std::size_t i = 1, j = 0; i < n; ++i) {
+        std::size_t bit = n / 2;
+        for (; j & bit; bit /= 2)
+            j ^= bit;
+        j ^= bit;
+        if (i < j)
+            std::swap(x[i], x[j]);
+    }
+    for (std::size_t half = 1; half < n; half *= 2)
+        for (std::size_t k = 0; k < half; ++k) {
+            const std::complex<double> turn = std::polar(1.0, -0.5 * kTwoPi * static_cast<double>(k) / static_cast<double>(half));
+            for (std::size_t i = k; i < n; i += 2 * half) {
+                const std::complex<double> low = x[i], high = turn * x[i + half];
+                x[i] = low + high;
+                x[i + half] = low - high;
+            }
+        }
+}
+
+} // namespace
+
+TimeScan scan_times(const BlockNumbers &blocks, const std::vector<VectorXd> &score, const NoiseModel &noise,
+                    const TimeGrid &grid)
+{
+    TimeScan out;
+    out.grid = grid;
+    for (std::size_t r = 0; r < blocks.size(); ++r) {
+        std::vector<std::complex<double>> x(grid.points);
+        for (std::size_t t = 0; t < blocks[r].size(); ++t)
+            x[static_cast<std::size_t>(blocks[r][t] - blocks[r][0])] = score[r][static_cast<Index>(t)];
+        fourier(x);
+        std::vector<double> power, information;
+        for (std::size_t k = 0; k < grid.count(); ++k) {
+            const double omega = kTwoPi * grid.hz(k) * grid.block_s;
+            information.push_back(0.5 * static_cast<double>(blocks[r].size()) * noise.information(omega) + 1e-300);
+            power.push_back(std::norm(x[grid.first + k]) / information.back());
+        }
+        calm_neighbourhood(power, information);
+        out.power.push_back(std::move(power));
+        out.information.push_back(std::move(information));
+    }
+    return out;
+}
+
+std::vector<std::size_t> time_peaks(const TimeScan &scan, std::size_t most)
+{
+    const std::size_t n = scan.grid.count();
+    std::vector<double> sum(n, 0);
+    for (const auto &run : scan.power)
+        for (std::size_t k = 0; k < n; ++k)
+            sum[k] += run[k];
+    std::vector<std::size_t> order(n), out;
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return sum[a] > sum[b]; });
+    for (std::size_t k : order) {
+        const auto near = [k](std::size_t p) { return p < k + 8 && k < p + 8; };
+        if (out.size() < most && std::none_of(out.begin(), out.end(), near))
+            out.push_back(k);
+    }
+    return out;
+}
+
+double time_log_ratio(const TimeScan &scan, std::size_t run, std::size_t k, double variance_nm2)
+{
+    const double x = scan.information[run][k] * variance_nm2;
+    return -std::log1p(x) + 0.5 * scan.power[run][k] * x / (1 + x);
+}
+
+double time_variance(const TimeScan &scan, const RunSet &use, std::size_t k)
+{
+    double sum = 0, runs = 0;
+    for (std::size_t r = 0; r < use.size(); ++r)
+        if (use[r]) {
+            sum += 0.5 * (scan.power[r][k] - 2) / scan.information[r][k];
+            runs += 1;
+        }
+    return runs > 0 ? std::max(0.0, sum / runs) : 0;
+}
+
+double time_log_e(const TimeScan &scan, std::size_t k, const std::vector<RunSet> &splits)
+{
+    std::vector<double> log_e;
+    for (const RunSet &train : splits) {
+        const double variance = time_variance(scan, train, k);
+        double sum = 0;
+        for (std::size_t r = 0; r < train.size(); ++r)
+            sum += train[r] ? 0 : time_log_ratio(scan, r, k, variance);
+        log_e.push_back(sum);
+    }
+    return log_mean_exp(log_e, static_cast<double>(std::max<std::size_t>(splits.size(), 1)));
 }
 
 MatrixXd line_columns(const ScanRows &rows, double order, bool directed)

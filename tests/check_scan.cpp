@@ -173,6 +173,50 @@ START_TEST(test_spectrum_reads_the_amplitude)
 }
 END_TEST
 
+// A line of fixed frequency, another phase in every run, is found there; one locked to an angle is none.
+START_TEST(test_line_in_time_is_told_from_line_in_angle)
+{
+    const double hz = 7.3;
+    std::mt19937_64 rng(5);
+    std::normal_distribution<double> g(0, 1);
+    BlockNumbers blocks(6);
+    std::vector<VectorXd> hum, locked, nothing;
+    for (std::size_t r = 0; r < blocks.size(); ++r) {
+        const double phase = 6.28 * g(rng);
+        VectorXd noise(2500), q(2500), t(2500);
+        double at = 0;
+        for (Index i = 0; i < noise.size(); ++i) {
+            blocks[r].push_back(i + (i > 1200 ? 40 : 0)); // a gap
+            t[i] = 0.01 * static_cast<double>(blocks[r].back());
+            at += 0.01 * (0.1 + 0.05 * static_cast<double>(r)) * (1 + 0.5 * std::sin(0.4 * t[i]));
+            q[i] = at;
+            noise[i] = g(rng);
+        }
+        nothing.push_back(noise);
+        hum.push_back(noise + 0.3 * (6.283185307 * hz * t.array() + phase).sin().matrix());
+        locked.push_back(noise + 0.3 * (150 * q.array()).sin().matrix());
+    }
+    const TimeGrid grid = time_grid(blocks, 0.01);
+    const std::vector<RunSet> splits = balanced_splits(6, 16);
+    const auto best = [&](const std::vector<VectorXd> &y, double *log_e) {
+        const TimeScan scan = scan_times(blocks, y, white(1), grid);
+        const std::size_t k = time_peaks(scan, 1)[0];
+        *log_e = time_log_e(scan, k, splits);
+        return grid.hz(k);
+    };
+    double log_e = 0;
+    ck_assert_double_eq_tol(best(hum, &log_e), hz, 2 * grid.step_hz());
+    ck_assert_double_gt(log_e, std::log(20.0 * static_cast<double>(grid.count())));
+    const TimeScan scan = scan_times(blocks, hum, white(1), grid);
+    const double variance = time_variance(scan, RunSet(6, 1), time_peaks(scan, 1)[0]);
+    ck_assert_double_eq_tol(std::sqrt(2 * variance), 0.3, 0.06);
+    best(locked, &log_e);
+    ck_assert_double_lt(log_e, std::log(20.0 * static_cast<double>(grid.count())));
+    best(nothing, &log_e);
+    ck_assert_double_lt(log_e, std::log(20.0 * static_cast<double>(grid.count())));
+}
+END_TEST
+
 static Suite *scan_suite(void)
 {
     Suite *s = suite_create("scan");
@@ -184,6 +228,7 @@ static Suite *scan_suite(void)
     tcase_add_test(t, test_noise_has_no_peak_that_counts);
     tcase_add_test(t, test_grid_keeps_to_what_travel_and_speed_can_show);
     tcase_add_test(t, test_spectrum_reads_the_amplitude);
+    tcase_add_test(t, test_line_in_time_is_told_from_line_in_angle);
     suite_add_tcase(s, t);
     return s;
 }

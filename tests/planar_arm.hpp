@@ -24,11 +24,12 @@ constexpr double kM[2] = {9, 6}, kC[2] = {0.2, 0.22}, kI[2] = {0.15, 0.12};     
 constexpr double kF0[2][2] = {{38, 40}, {30, 31}}, kFv[2][2] = {{25, 27}, {40, 41}};
 constexpr double kFs[2] = {6, 5}, kVc[2] = {0.1, 0.08};
 
-inline std::string arm_text()
+// upright: the same arm with the base's z up, so that a tilt of the base acts in the arm's plane.
+inline std::string arm_text(bool upright = false)
 {
     const auto n = [](double x) { return std::to_string(x); };
     std::string s = "format = \"hdt-arm\"\nversion = 1\nname = \"planar\"\n[sources]\nT = \"test\"\n"
-                    "[base]\ngravity = { value = [0, -9.81, 0], unit = \"m/s^2\", confidence = \"high\", source = \"T\" }\n"
+                    "[base]\ngravity = { value = " + std::string(upright ? "[0, 0, -9.81]" : "[0, -9.81, 0]") + ", unit = \"m/s^2\", confidence = \"high\", source = \"T\" }\n"
                     "[control]\nrate = { value = 100, unit = \"Hz\", confidence = \"high\", source = \"T\" }\n"
                     "velocity_cutoff = { value = 30, unit = \"Hz\", confidence = \"high\", source = \"T\" }\n"
                     "[flange]\norigin = { value = [0.5, 0, 0], unit = \"m\", confidence = \"high\", source = \"T\" }\n"
@@ -39,7 +40,7 @@ inline std::string arm_text()
     };
     for (int j = 0; j < 2; ++j) {
         s += "[[joint]]\nname = \"J" + std::to_string(j + 1) + "\"\n";
-        s += q("origin", j == 0 ? "[0, 0, 0]" : "[0.45, 0, 0]", "m") + q("rpy", "[0, 0, 0]", "rad");
+        s += q("origin", j == 0 ? "[0, 0, 0]" : "[0.45, 0, 0]", "m") + q("rpy", upright && j == 0 ? "[1.5707963267948966, 0, 0]" : "[0, 0, 0]", "rad");
         s += q("limits.position", "[-3, 3]", "rad") + q("limits.speed", "1", "rad/s");
         s += q("link.mass", n(kM[j]), "kg") + q("link.com", "[" + n(kC[j]) + ", 0, 0]", "m");
         s += q("link.inertia", "[0.01, 0, 0, " + n(kI[j]) + ", 0, " + n(kI[j]) + "]", "kg m^2");
@@ -64,7 +65,18 @@ struct Hidden {
     double load_mu = 0, cold = 0, warm_s = 25, line_nm = 0, line_order = 37, line_phase = 0.7;
     bool line_directed = false;
     double inertia_kgm2 = 0, presliding_nm = 0, presliding_rad = 0.01, gain = 0, spring = 0, spring_rest = 0.4;
-    double dry_spot_nm = 0;                 // outside every list: friction bump at q = 0.3
+    double dry_spot_nm = 0;                 // friction bump at q = 0.3
+    double pose_friction_nm = 0;            // outside every list: friction over the other joint's angle
+    double tilt_rad = 0, angle_rad = 0;     // base tilted in the plane; resolver of the joint reads short by
+    double ahead_rad = 0;                   // resolver reads ahead by this times sin q
+    double moment_kgm = 0;                  // of the first link, more than declared
+    double drive_mu = 0, square = 0, slow_nm = 0;
+    double knee_nm = 0, missing = 0, constant_nm = 0;
+    double ripple_per_nm = 0, ripple_per_radps = 0; // order 50
+    double other_kgm2 = 0;                  // swung by the other joint
+    double hum_nm = 0, hum_hz = 7.3, step_nm = 0, step_at_nm = -20;
+    // what begins or ends within a run
+    double push_nm = 0, drag_nm = 0, slip_rad = 0, from_s = 0, to_s = 1e9;
 };
 
 struct Noise {
@@ -142,14 +154,17 @@ inline hdt::Run make_run(const Hidden &hidden, const Noise &noise, unsigned long
         wander[j] = noise.wander * gauss(rng);
     }
     const double keep = std::exp(-1 / (10 * kRate_hz));
+    const double hum_phase = hidden.hum_nm != 0 ? 6.283 * uniform(rng) : 0;
     std::vector<double> tau_all[2];
     for (int t = 0; t < rows; ++t) {
         const auto k = static_cast<std::size_t>(t);
         const double q[2] = {m[0].q[k], m[1].q[k]}, v[2] = {m[0].v[k], m[1].v[k]}, a[2] = {m[0].a[k], m[1].a[k]};
-        double load[2], tau[2], ql[2];
-        rigid(q, v, a, hidden.payload_kg, hidden.payload_x_m, load, tau);
+        const bool now = t / kRate_hz >= hidden.from_s && t / kRate_hz < hidden.to_s;
+        double load[2], tau[2], ql[2], at[2] = {q[0] + hidden.tilt_rad, q[1]}; // gravity turned is the first angle turned
+        at[hidden.joint] += hidden.angle_rad - hidden.ahead_rad * std::sin(q[hidden.joint]) + (now ? hidden.slip_rad : 0);
+        rigid(at, v, a, hidden.payload_kg, hidden.payload_x_m, load, tau);
         for (int j = 0; j < 2; ++j)
-            ql[j] = noise.windup_nmprad > 0 ? q[j] - load[j] / noise.windup_nmprad : q[j];
+            ql[j] = noise.windup_nmprad > 0 ? at[j] - load[j] / noise.windup_nmprad : at[j];
         rigid(ql, v, a, hidden.payload_kg, hidden.payload_x_m, load, tau);
         run.t_s.push_back(t / kRate_hz);
         for (int j = 0; j < 2; ++j) {
@@ -168,6 +183,10 @@ inline hdt::Run make_run(const Hidden &hidden, const Noise &noise, unsigned long
                 friction += hidden.load_mu * std::fabs(tau[j]);
                 friction *= 1 + hidden.cold * std::exp(-run.t_s.back() / hidden.warm_s);
                 friction += hidden.dry_spot_nm * std::exp(-0.5 * std::pow((q[j] - 0.3) / 0.15, 2));
+                friction += hidden.pose_friction_nm * std::exp(-0.5 * std::pow((q[1 - j] - 0.3) / 0.4, 2));
+                friction += hidden.drive_mu * std::max(0.0, dir[j] * load[j]) + hidden.square * v[j] * v[j];
+                friction += hidden.slow_nm * std::exp(-std::fabs(v[j]) / 0.03) + (now ? hidden.drag_nm : 0);
+                friction += 0.5 * hidden.step_nm * (1 + std::tanh((dir[j] * load[j] - hidden.step_at_nm) / 3));
             }
             double sum = tau[j] + kRatio * kRatio * 3e-4 * a[j] + dir[j] * friction;
             if (here) {
@@ -175,7 +194,13 @@ inline hdt::Run make_run(const Hidden &hidden, const Noise &noise, unsigned long
                        + hidden.spring * (q[j] - hidden.spring_rest)
                        + (hidden.line_directed ? dir[j] : 1.0) * hidden.line_nm
                              * std::sin(hidden.line_order * q[j] + hidden.line_phase);
+                sum += (hidden.ripple_per_nm * std::fabs(load[j]) + hidden.ripple_per_radps * std::fabs(v[j]))
+                           * std::sin(50 * q[j] + hidden.line_phase)
+                       + kG * hidden.moment_kgm * std::cos(q[0]) + hidden.constant_nm + hidden.other_kgm2 * a[1 - j]
+                       + hidden.hum_nm * std::sin(6.283185307 * hidden.hum_hz * t / kRate_hz + hum_phase)
+                       + (now ? hidden.push_nm : 0);
                 sum /= 1 + hidden.gain;
+                sum += std::copysign(hidden.missing * std::max(0.0, std::fabs(sum) - hidden.knee_nm), sum);
             }
             const double white = noise.white * (uniform(rng) < noise.fat ? 3 : 1);
             tau_all[j].push_back(sum + colour[j] + white * gauss(rng));
