@@ -3,6 +3,7 @@
 // The bench that puts the diagnosis to the test, itself tested: its bounds against the binomial sum,
 // its judgement against answers made by hand, and a whole round of it, scaled down: logs of the rig,
 // `hdt diagnose` as a process, answers counted.
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -23,8 +24,9 @@ using namespace hdt::bench;
 
 namespace {
 
-Answer answer(const char *verdict, const std::vector<std::string> &names, const std::vector<std::string> &ambiguous = {},
-              const std::vector<std::string> &axes = {})
+using Text = std::vector<std::string>;
+
+Answer answer(const char *verdict, const Text &names, const Text &ambiguous = {}, const Text &axes = {})
 {
     Answer a;
     a.verdict = verdict;
@@ -152,7 +154,7 @@ START_TEST(test_list_of_cases)
     ck_assert_int_ge(7 * nulls, 400);
     const std::vector<std::string> plant = rig::effect_names();
     for (const Kind &k : kinds()) {
-        ck_assert_msg(std::find(plant.begin(), plant.end(), k.id) != plant.end(), "%s: not in the plant", k.id);
+        ck_assert_msg(std::count(plant.begin(), plant.end(), k.id) == 1, "%s: not in the plant", k.id);
         ck_assert_uint_eq(joints[k.id].size(), 3);
         ck_assert_uint_ge(specimens[k.id].size(), 2);
         ck_assert_uint_eq(rhos[k.id].size(), k.group == Group::Named ? 3 : 1);
@@ -179,7 +181,9 @@ START_TEST(test_judgement)
     s = named(answer("suspect", {"link_mass"}));
     ck_assert(!s.detected && !s.in_set && !s.wrong);
 
-    const auto dry_spot = [](const Answer &a) { return score(outcome(Group::Outside, {"local_friction"}, a)); };
+    const auto dry_spot = [](const Answer &a) {
+        return score(outcome(Group::Outside, {"local_friction"}, a));
+    };
     ck_assert(dry_spot(answer("unnamed", {}, {}, {"q2,direction"})).axis);
     ck_assert(!dry_spot(answer("unnamed", {}, {}, {"q3"})).axis);
     ck_assert(dry_spot(answer("named", {"local_friction"})).axis);
@@ -218,7 +222,7 @@ START_TEST(test_page_counts)
 {
     std::vector<Outcome> all;
     for (int k = 0; k < 4; k++)
-        all.push_back(outcome(Group::Named, {"inertia"}, k == 3 ? answer("named", {"payload"}) : answer("named", {"inertia"})));
+        all.push_back(outcome(Group::Named, {"inertia"}, answer("named", {k == 3 ? "payload" : "inertia"})));
     for (int k = 0; k < 200; k++)
         all.push_back(outcome(Group::Null, {"plain"}, answer("nothing", {})));
     Outcome lost = outcome(Group::Named, {"inertia"}, answer("named", {"payload"}));
@@ -237,18 +241,19 @@ START_TEST(test_page_counts)
     holds("| nothing hidden: a joint named | 0 of 400: 0.0 % (0.0 to 0.9) | at most 1.0 %, bound 3.0 % | yes |");
     holds("| rho 0.50: right name first | no case | at least 88.0 % | no |");
     holds("* inertia@2/1/00: the rig refused");
+    holds("| specimen | joint 1 | joint 2 |\n| --- | --- | --- |\n| 1 | 2.00 | 2.00 |");
     // one named of sixty is a rate small enough, with a bound that is not
     all.resize(34);
     all.back().answer[0] = answer("named", {"inertia"});
     const std::string few = page({"", "", {}, 1}, all);
-    ck_assert(few.find("| nothing hidden: a joint named | 1 of 60: 1.7 % (0.0 to 8.9) | at most 1.0 %, bound 3.0 % | no |")
+    ck_assert(few.find("joint named | 1 of 60: 1.7 % (0.0 to 8.9) | at most 1.0 %, bound 3.0 % | no |")
               != std::string::npos);
 }
 END_TEST
 
 START_TEST(test_broken_answers_are_refused)
 {
-    for (const char *text : {"{}", "{\"joints\": [{\"joint\": 1}]}", "{\"joints\": [{\"joint\": 99, \"verdict\": \"nothing\"}]}"}) {
+    for (const char *text : {"{}", "{\"joints\": [{\"joint\": 1}]}", "{\"joints\": [{\"joint\": 99}]}"}) {
         bool refused = false;
         try {
             (void)read_answers(nlohmann::json::parse(text), 2);

@@ -62,7 +62,8 @@ void add_nulls(std::vector<Case> *out, const Size &size)
     }
 }
 
-Case effect_case(const std::vector<std::string> &ids, Group group, double rho, int kind, int repeat, const Size &size)
+Case effect_case(const std::vector<std::string> &ids, Group group, double rho, int kind, int repeat,
+                 const Size &size)
 {
     Case c;
     c.group = group;
@@ -82,8 +83,8 @@ double at_most(int k, int n, double p)
 {
     double sum = 0;
     for (int i = 0; i <= k; i++)
-        sum += std::exp(std::lgamma(n + 1.0) - std::lgamma(i + 1.0) - std::lgamma(n - i + 1.0) + i * std::log(p)
-                        + (n - i) * std::log1p(-p));
+        sum += std::exp(std::lgamma(n + 1.0) - std::lgamma(i + 1.0) - std::lgamma(n - i + 1.0)
+                        + i * std::log(p) + (n - i) * std::log1p(-p));
     return sum;
 }
 
@@ -155,11 +156,11 @@ const std::vector<Kind> &kinds()
         {"link_mass", G::Named, 0.1, 3, "", ""},
         {"base_tilt", G::Named, 1, 20, ":about=60", ""},
         {"stribeck_shape", G::Named, 4, 60, ":speed=0.03", ""},
-        {"viscous_nonlinear", G::Named, 60, 600, "", ""},
+        {"viscous_nonlinear", G::Named, 60, 6000, "", ""},
         {"drive_efficiency", G::Named, 0.1, 0.8, "", ""},
         {"eccentricity", G::Named, 0.02, 0.4, ":order=1,phase=0.5", ""},
         {"ripple_load", G::Named, 0.1, 2, ":order=100,phase=0.3", ""},
-        {"local_friction", G::Outside, 8, 100, ":at=0.4,width=0.15", "q"},
+        {"local_friction", G::Outside, 8, 200, ":at=0.1,width=0.15", "q"},
         {"dwell_stiction", G::Outside, 4, 60, ":travel=0.01", "travel time"},
         {"dead_time", G::Outside, 4, 60, ":width=10", "torque load"},
         {"torque_offset", G::Outside, 1, 20, "", ""},
@@ -198,7 +199,8 @@ std::vector<Case> all_cases(const Size &size)
                 out.push_back(effect_case({k.id}, k.group, rho, kind, repeat, size));
         }
     }
-    const std::vector<std::vector<std::string>> pairs = {{"cable_spring", "order_line"}, {"presliding", "inertia"}};
+    const std::vector<std::vector<std::string>> pairs = {{"cable_spring", "order_line"},
+                                                         {"presliding", "inertia"}};
     for (const auto &pair : pairs)
         for (int repeat = 0; repeat < size.repeats; repeat++)
             out.push_back(effect_case(pair, Group::Two, 1, ++kind, repeat, size));
@@ -212,7 +214,7 @@ std::vector<Answer> read_answers(const nlohmann::json &diagnosis, int joints)
         for (const auto &j : diagnosis.at("joints"))
             out.at(j.at("joint").get<std::size_t>() - 1) = read_answer(j);
     } catch (const std::exception &e) {
-        throw InputError(std::string("diagnosis.json: expected the keys of docs/formats.md, found: ") + e.what());
+        throw InputError(std::string("diagnosis.json: expected the keys of docs/formats.md: ") + e.what());
     }
     return out;
 }

@@ -71,7 +71,14 @@ struct Outcome {
 };
 
 // Judgement of one case on the joint it is about.
-struct Score { bool detected = false, first = false, in_set = false, wrong = false, extra = false, axis = false; };
+struct Score {
+    bool detected = false;           // something is said: named, or put to an axis
+    bool first = false;              // the right name and no other before it
+    bool in_set = false;             // the right name, or printed as one that cannot be told from it
+    bool wrong = false;              // a name, and the right one not even in the set
+    bool extra = false;              // a further name beside the right one
+    bool axis = false;               // the right axis, or the right name
+};
 Score score(const Outcome &o);
 // The rho that was wanted, within a factor of 1.5: what is further off counts for nothing at that rho.
 bool aimed(const Outcome &o);

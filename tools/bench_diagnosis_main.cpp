@@ -40,21 +40,22 @@ int main(int argc, char **argv)
     PageHead head;
     std::string only;
     CLI::App app{"bench_diagnosis: hide effects in arms, diagnose from logs, count the answers"};
-    app.add_option("--hdt", place.hdt, "the program")->capture_default_str();
-    app.add_option("--arm", place.arm, "model file of the arm")->capture_default_str();
-    app.add_option("--out", place.out, "directory for what it makes; page.md is the result")->capture_default_str();
-    app.add_option("--repeats,-n", size.repeats, "cases of each effect and rho")->capture_default_str()->check(CLI::Range(1, 1000));
-    app.add_option("--specimens", size.specimens, "arms commissioned")->capture_default_str()->check(CLI::Range(1, 50));
-    app.add_option("--sets", size.sets, "healthy sets of logs a specimen")->capture_default_str()->check(CLI::Range(1, 500));
-    app.add_option("--nulls", size.nulls, "sets of each other noise")->capture_default_str()->check(CLI::Range(0, 1000));
-    app.add_option("--seconds", size.seconds, "length of a run")->capture_default_str()->check(CLI::Range(10, 600));
-    app.add_option("--workers,-j", place.workers, "processes at a time")->capture_default_str()->check(CLI::Range(1, 64));
+    app.option_defaults()->always_capture_default();
+    app.add_option("--hdt", place.hdt, "the program");
+    app.add_option("--arm", place.arm, "model file of the arm");
+    app.add_option("--out", place.out, "directory for what it makes; page.md is the result");
+    app.add_option("--repeats,-n", size.repeats, "cases of each effect and rho")->check(CLI::Range(1, 1000));
+    app.add_option("--specimens", size.specimens, "arms commissioned")->check(CLI::Range(1, 50));
+    app.add_option("--sets", size.sets, "healthy sets of logs a specimen")->check(CLI::Range(1, 500));
+    app.add_option("--nulls", size.nulls, "sets of each other noise")->check(CLI::Range(0, 1000));
+    app.add_option("--seconds", size.seconds, "length of a run")->check(CLI::Range(10, 600));
+    app.add_option("--workers,-j", place.workers, "processes at a time")->check(CLI::Range(1, 64));
     app.add_option("--only", only, "cases whose name begins so");
     app.add_flag("--keep", place.keep, "keep the logs: 80 MB a case");
     CLI11_PARSE(app, argc, argv);
     head.size = size;
-    head.version = "version " + std::to_string(HDT_VERSION_MAJOR) + "." + std::to_string(HDT_VERSION_MINOR) + "."
-                   + std::to_string(HDT_VERSION_PATCH);
+    for (int v : {HDT_VERSION_MAJOR, HDT_VERSION_MINOR, HDT_VERSION_PATCH})
+        head.version += (head.version.empty() ? "version " : ".") + std::to_string(v);
     head.command = "make bench-diagnosis N=" + std::to_string(size.repeats);
     setvbuf(stdout, nullptr, _IOLBF, 0); // progress in a pipe too
     try {

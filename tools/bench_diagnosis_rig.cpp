@@ -140,7 +140,12 @@ Signals read_signals(const std::string &path)
 
 // Eight healthy runs, what the diagnosis made of them, and by how much torque differs between two
 // simulations of one seed that should be alike: a standing joint breaks away a tick sooner or later.
-struct Healthy { std::vector<Signals> runs; std::vector<Answer> answer; std::vector<double> jitter_nm; };
+struct Healthy {
+    std::vector<Signals> runs;
+    std::vector<Answer> answer;
+    std::vector<double> jitter_nm;
+    double floor_nm(int joint) const { return answer[static_cast<std::size_t>(joint - 1)].refit_nm; }
+};
 
 std::vector<double> change_of(const Signals &with, const Signals &without, std::size_t j)
 {
@@ -152,7 +157,8 @@ std::vector<double> change_of(const Signals &with, const Signals &without, std::
 
 class Rig {
 public:
-    Rig(const Place &place, const Size &size, const PageHead &head) : place_(place), size_(size), head_(head) {}
+    Rig(const Place &place, const Size &size, const PageHead &head)
+        : place_(place), size_(size), head_(head) {}
     std::vector<Outcome> run(const std::vector<Case> &cases);
 
 private:
@@ -209,7 +215,8 @@ void Rig::simulate(const std::string &dir, int specimen, int set, int run, const
     const std::string seed = seed_of(specimen, set, run);
     Text words = {place_.hdt, "sim", "--arm", place_.arm, "--individual", std::to_string(100 + specimen),
                   "--mode", "velocity", "--seed", seed, "--task",
-                  "excite:seed=" + seed + ",seconds=" + std::to_string(size_.seconds), "--out", run_file(dir, run)};
+                  "excite:seed=" + seed + ",seconds=" + std::to_string(size_.seconds),
+                  "--out", run_file(dir, run)};
     for (const std::string &h : hidden)
         words.insert(words.end(), {"--effect", h});
     call(words, dir);
@@ -285,7 +292,8 @@ std::vector<double> Rig::jitter(const std::string &dir, const SetKey &key, const
 
 void Rig::make_healthy(const SetKey &key)
 {
-    const std::string dir = place_.out + "/healthy" + std::to_string(key.first) + "-" + std::to_string(key.second);
+    const std::string dir =
+        place_.out + "/healthy" + std::to_string(key.first) + "-" + std::to_string(key.second);
     fs::remove_all(dir);
     fs::create_directories(dir);
     Healthy h;
@@ -350,9 +358,10 @@ void Rig::calibrate(const Case &c, const std::string &id)
 {
     const Kind &k = kind_of(id);
     const int run = c.only_run >= 0 ? c.only_run : kFit;
-    const double floor = healthy_.at({c.specimen, c.set}).answer[static_cast<std::size_t>(c.joint - 1)].refit_nm;
+    const double floor = healthy_.at({c.specimen, c.set}).floor_nm(c.joint);
     const SizeKey key = size_key(c, id);
-    const std::string dir = place_.out + "/size-" + id + std::to_string(c.joint) + std::to_string(c.specimen) + number(c.rho);
+    const std::string dir = place_.out + "/size-" + id + std::to_string(c.joint) + "-"
+                            + std::to_string(c.specimen) + "-" + number(c.rho);
     fs::create_directories(dir);
     double size = k.guess * floor;
     for (int tries = 0; tries < kSizeTries; tries++) {
@@ -374,7 +383,7 @@ Text Rig::hidden_of(const Case &c)
     if (c.group == Group::Null)
         return noise_of(c);
     Text out;
-    const double floor = healthy_.at({c.specimen, c.set}).answer[static_cast<std::size_t>(c.joint - 1)].refit_nm;
+    const double floor = healthy_.at({c.specimen, c.set}).floor_nm(c.joint);
     for (const std::string &id : c.ids) {
         const Kind &k = kind_of(id);
         const auto known = size_of_.find(size_key(c, id));
@@ -382,7 +391,8 @@ Text Rig::hidden_of(const Case &c)
             throw InputError(id + ": the rig refused the sizes tried");
         const double size = known->second * floor;
         if (!(size <= k.most))
-            throw InputError(id + ": a size of " + number(size) + " would be needed, " + number(k.most) + " is the most");
+            throw InputError(id + ": a size of " + number(size) + " would be needed, " + number(k.most)
+                             + " is the most");
         out.push_back(at_joint(id, size, c.joint) + k.options);
     }
     return out;
@@ -391,9 +401,10 @@ Text Rig::hidden_of(const Case &c)
 // The model file that was written, on the held-out runs again: what its user gets.
 void Rig::read_back(Outcome *o, const std::string &dir) const
 {
-    diagnose_into(dir + "/back", dir + "/diagnosis/model.toml", {run_file(dir, 0)}, {run_file(dir, 6), run_file(dir, 7)},
-                  std::to_string(o->c.joint));
-    o->adopted_nm = read_back_answers(dir + "/back", HDT_ARM_JOINTS_MAX)[static_cast<std::size_t>(o->c.joint - 1)].before_nm;
+    diagnose_into(dir + "/back", dir + "/diagnosis/model.toml", {run_file(dir, 0)},
+                  {run_file(dir, kFit), run_file(dir, kFit + 1)}, std::to_string(o->c.joint));
+    const std::vector<Answer> back = read_back_answers(dir + "/back", HDT_ARM_JOINTS_MAX);
+    o->adopted_nm = back[static_cast<std::size_t>(o->c.joint - 1)].before_nm;
 }
 
 bool adopts(const Outcome &o)
@@ -411,19 +422,22 @@ bool adopts(const Outcome &o)
 void Rig::measure(Outcome *o, const std::string &dir) const
 {
     const Healthy &h = healthy_.at({o->c.specimen, o->c.set});
-    const std::vector<int> runs = o->c.only_run >= 0 ? std::vector<int>{o->c.only_run} : std::vector<int>{kFit, kFit + 1};
+    std::vector<int> runs = {kFit, kFit + 1};
+    if (o->c.only_run >= 0)
+        runs = {o->c.only_run};
     o->rho.assign(h.runs[0].tau_nm.size(), 0);
     for (int r : runs) {
         const Signals with = read_signals(run_file(dir, r));
         for (std::size_t j = 0; j < o->rho.size(); j++) {
-            const double nm = contribution_nm(o->hidden, o->c, static_cast<int>(j) + 1, r, with);
-            if (h.answer[j].refit_nm > 0)
-                o->rho[j] += nm * nm / (h.answer[j].refit_nm * h.answer[j].refit_nm * static_cast<double>(runs.size()));
+            const double floor = h.answer[j].refit_nm;
+            const double share = contribution_nm(o->hidden, o->c, static_cast<int>(j) + 1, r, with) / floor;
+            if (floor > 0)
+                o->rho[j] += share * share / static_cast<double>(runs.size());
         }
     }
     for (double &r : o->rho)
         r = std::sqrt(r);
-    o->oracle_nm = h.answer[static_cast<std::size_t>(o->c.joint - 1)].refit_nm;
+    o->oracle_nm = h.floor_nm(o->c.joint);
 }
 
 void Rig::one_case(const Case &c)
@@ -479,12 +493,13 @@ std::string in_words(const Outcome &o)
 void Rig::note(Outcome o)
 {
     const std::lock_guard<std::mutex> hold(lock_);
-    const double minutes = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin_).count() / 60;
+    const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - begin_;
+    const double minutes = passed.count() / 60;
     std::string rho;
     if (o.c.joint > 0 && !o.rho.empty())
         rho = " rho " + number(std::round(100 * o.rho[static_cast<std::size_t>(o.c.joint - 1)]) / 100);
-    std::printf("%4zu/%zu %5.1f min  %-34s%s %s\n", done_.size() + 1, total_, minutes, o.c.name.c_str(), rho.c_str(),
-                in_words(o).c_str());
+    std::printf("%4zu/%zu %5.1f min  %-34s%s %s\n", done_.size() + 1, total_, minutes, o.c.name.c_str(),
+                rho.c_str(), in_words(o).c_str());
     done_.push_back(std::move(o));
     PageHead head = head_;
     head.minutes = minutes;
@@ -507,8 +522,8 @@ std::vector<Outcome> Rig::run(const std::vector<Case> &cases)
     total_ = cases.size();
     const std::vector<int> arms(specimens.begin(), specimens.end());
     in_parallel(place_.workers, arms.size(), [&](std::size_t i) { commission(arms[i]); });
-    std::printf("%zu specimens commissioned; %zu healthy sets, %zu sizes, %zu cases\n", arms.size(), sets.size(),
-                units.size(), cases.size());
+    std::printf("%zu specimens commissioned; %zu healthy sets, %zu sizes, %zu cases\n", arms.size(),
+                sets.size(), units.size(), cases.size());
     const std::vector<SetKey> all(sets.begin(), sets.end());
     in_parallel(place_.workers, all.size(), [&](std::size_t i) { make_healthy(all[i]); });
     std::vector<std::pair<Case, std::string>> sizes;
@@ -528,7 +543,8 @@ std::vector<Outcome> Rig::run(const std::vector<Case> &cases)
         for (std::size_t i = from; i < cases.size(); i += kStride)
             order.push_back(i);
     in_parallel(place_.workers, order.size(), [&](std::size_t i) { one_case(cases[order[i]]); });
-    std::sort(done_.begin(), done_.end(), [](const Outcome &a, const Outcome &b) { return a.c.name < b.c.name; });
+    std::sort(done_.begin(), done_.end(),
+              [](const Outcome &a, const Outcome &b) { return a.c.name < b.c.name; });
     return std::move(done_);
 }
 
