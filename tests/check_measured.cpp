@@ -34,7 +34,8 @@ Signal motion(uint64_t seed, double seconds, double noise_nm)
     Signal s;
     s.joint = 1;
     const auto n = static_cast<Index>(seconds * 1000);
-    for (auto *x : {&s.t_s, &s.q_rad, &s.v_radps, &s.a_radps2, &s.dir, &s.tau_nm, &s.residual_nm, &s.friction_nm, &s.sensor_nm})
+    for (auto *x : {&s.t_s, &s.q_rad, &s.v_radps, &s.a_radps2, &s.dir, &s.tau_nm, &s.residual_nm,
+        &s.friction_nm, &s.sensor_nm})
         x->setZero(n);
     const double w1 = 1.1 + 0.1 * static_cast<double>(seed % 5), w2 = 2.7;
     for (Index i = 0; i < n; ++i) {
@@ -54,7 +55,8 @@ START_TEST(test_a_line_is_found_at_its_order_with_its_amplitude_and_taken_off)
     Signal s = motion(1, 30, 0.5), fresh = motion(2, 30, 0.5);
     for (Signal *r : {&s, &fresh})
         for (Index i = 0; i < r->q_rad.size(); ++i)
-            r->residual_nm[i] += (r->dir[i] > 0 ? 0.5 : 0.2) * std::sin(303.0 * r->q_rad[i] + (r->dir[i] > 0 ? 0.4 : 2.0));
+            r->residual_nm[i] += (r->dir[i] > 0 ? 0.5 : 0.2) * std::sin(303.0 * r->q_rad[i] +
+                    (r->dir[i] > 0 ? 0.4 : 2.0));
     const std::vector<Line> found = strongest_lines({s}, 600, 3, 4);
     ck_assert_uint_eq(found.size(), 1);
     ck_assert_double_eq_tol(found[0].order, 303, 0.5);
@@ -63,6 +65,18 @@ START_TEST(test_a_line_is_found_at_its_order_with_its_amplitude_and_taken_off)
     // held out: the line goes, the noise stays, and nothing else comes
     ck_assert_double_eq_tol(rms_nm({fresh}), std::sqrt(0.25 + 0.5 * (0.125 + 0.02)), 0.02);
     ck_assert_double_eq_tol(rms_nm(without_lines({fresh}, found)), 0.5, 0.01);
+}
+END_TEST
+
+START_TEST(test_a_line_that_changes_sign_with_direction_does_not_cancel)
+{
+    Signal s = motion(6, 20, 0.5);
+    for (Index i = 0; i < s.q_rad.size(); ++i)
+        s.residual_nm[i] += 0.4 * s.dir[i] * std::sin(202 * s.q_rad[i]);
+    const std::vector<Line> found = strongest_lines({s}, 600, 1, 4);
+    ck_assert_uint_eq(found.size(), 1);
+    ck_assert_double_eq_tol(found[0].order, 202, 0.5);
+    ck_assert_double_eq_tol(found[0].amplitude_nm, 0.4, 0.05);
 }
 END_TEST
 
@@ -90,7 +104,8 @@ Signal geared(uint64_t seed, double drive, double back)
     for (Index i = 0; i < s.q_rad.size(); ++i) {
         const double load = s.sensor_nm[i] = 20 * std::sin(s.q_rad[i] + 0.3) + 2 * s.a_radps2[i];
         const double share = load * s.dir[i] > 0 ? drive : back;
-        s.tau_nm[i] = load + s.dir[i] * (2.5 + share * std::abs(load)) + 1.5 * s.v_radps[i] + 0.4 * s.a_radps2[i] + 0.2
+        s.tau_nm[i] = load + s.dir[i] * (2.5 + share * std::abs(load)) + 1.5 * s.v_radps[i] +
+            0.4 * s.a_radps2[i] + 0.2
                       + 0.3 * normal(&seed);
     }
     return s;
@@ -209,7 +224,8 @@ START_TEST(test_kinova_gear_loses_more_under_load)
         HDT_SKIP("no Kinova data under HDT_DATA");
     const ArmFile arm = ArmFile::load("model/arms/kinova_gen3.toml");
     std::vector<Run> runs;
-    for (const char *file : {"identification_data/RunTrajectory1.csv", "validation_data/opti_traj_testing1.csv",
+    for (const char *file : {"identification_data/RunTrajectory1.csv",
+        "validation_data/opti_traj_testing1.csv",
                              "validation_data/opti_traj_testing2.csv"})
         runs.push_back(convert_run("model/imports/kinova_gen3.toml", path + "/" + file));
     const Loss two = gear_loss(of_joint(arm, runs, 2, Rows::Fitted));
@@ -217,7 +233,8 @@ START_TEST(test_kinova_gear_loses_more_under_load)
     ck_assert_double_gt(two.value[Loss::Back], 3 * two.sigma[Loss::Back]);
     ck_assert_double_lt(two.left_nm, 0.8 * two.left_constant_nm);
     // equal drives, equal rotors
-    const Loss three = gear_loss(of_joint(arm, runs, 3, Rows::Fitted)), six = gear_loss(of_joint(arm, runs, 6, Rows::Fitted));
+    const Loss three = gear_loss(of_joint(arm, runs, 3, Rows::Fitted)),
+        six = gear_loss(of_joint(arm, runs, 6, Rows::Fitted));
     ck_assert_double_eq_tol(two.value[Loss::Inertia], three.value[Loss::Inertia], 0.1);
     ck_assert_double_eq_tol(three.value[Loss::Inertia], 0.5, 0.1);
     ck_assert_double_eq_tol(six.value[Loss::Inertia], 0.11, 0.05);
@@ -235,10 +252,12 @@ START_TEST(test_panda_held_out_beside_the_published_model)
     const double published[] = {.234, .535, .226, .267, .125, .084, .057};
     for (const JointFit &j : r.joints) {
         const double other = published[j.joint - 1];
-        ck_assert_msg(j.held_out_after_nm < 1.3 * other && j.held_out_after_nm > 0.3 * other, "joint %d: %.3f beside %.3f N.m",
+        ck_assert_msg(j.held_out_after_nm < 1.3 * other && j.held_out_after_nm > 0.3 * other,
+            "joint %d: %.3f beside %.3f N.m",
                       j.joint, j.held_out_after_nm, other);
         if (j.joint == 2 || j.joint >= 5)
-            ck_assert_msg(j.held_out_after_nm < other, "joint %d: %.3f, published %.3f N.m", j.joint, j.held_out_after_nm, other);
+            ck_assert_msg(j.held_out_after_nm < other, "joint %d: %.3f, published %.3f N.m", j.joint,
+                j.held_out_after_nm, other);
     }
     // two a motor turn, found in the fit runs, goes from the held-out run
     const std::vector<Line> line = strongest_lines(of_joint(r.model, t.fit, 1, Rows::Fitted), 600, 1, 4);
@@ -279,10 +298,12 @@ START_TEST(test_schunk_friction_falls_within_a_group_and_comes_back)
     for (const int k : {3, 8, 13, 18, 23, 28, 33, 38, 83, 88, 96, 98})
         fit.push_back(run(k));
     const IdentResult r = identify(ArmFile::load("model/arms/schunk_lwa4p.toml"), fit, {}, {});
-    const auto share = [&](int k, int joint) { return friction_share(of_joint(r.model, {run(k)}, joint, Rows::Fitted).at(0)).share; };
+    const auto share = [&](int k, int joint) { return friction_share(of_joint(r.model, {run(k)}, joint,
+        Rows::Fitted).at(0)).share; };
     for (const int joint : {3, 4}) {
         const double first = share(1, joint), last = share(20, joint), next = share(21, joint);
-        ck_assert_msg(first - last > 0.15 && first - last < 0.6, "joint %d: %.2f -> %.2f", joint, first, last);
+        ck_assert_msg(first - last > 0.15 && first - last < 0.6, "joint %d: %.2f -> %.2f", joint, first,
+            last);
         ck_assert_msg(next - last > 0.1, "joint %d: %.2f, then %.2f", joint, last, next);
     }
 }
@@ -295,6 +316,7 @@ static Suite *measured_suite(void)
     Suite *suite = suite_create("measured");
     TCase *known = tcase_create("known answers");
     tcase_add_test(known, test_a_line_is_found_at_its_order_with_its_amplitude_and_taken_off);
+    tcase_add_test(known, test_a_line_that_changes_sign_with_direction_does_not_cancel);
     tcase_add_test(known, test_noise_has_no_line);
     tcase_add_test(known, test_a_line_above_half_the_sampling_rate_of_blocks_is_seen_at_full_rate);
     tcase_add_test(known, test_loss_of_the_gear_comes_back_within_its_sigma);

@@ -149,7 +149,8 @@ double published(const Options &o, int joint)
 std::string table(const Options &o, const json &ident, const json &diagnosis, const Data &d)
 {
     const bool beside = !o.published.empty();
-    std::vector<std::string> names = {"joint", "torque", "friction alone", "after ident", "after diagnosis", "noise floor",
+    std::vector<std::string> names = {"joint", "torque", "friction alone", "after ident", "after diagnosis",
+        "noise floor",
                                       "verdict", "every row"};
     if (beside)
         names.insert(names.end(), {"published", "better"});
@@ -157,7 +158,8 @@ std::string table(const Options &o, const json &ident, const json &diagnosis, co
     for (const json &j : ident.at("joints")) {
         const int joint = j.at("joint");
         const json *g = entry(diagnosis, joint);
-        const auto blocks = d.test_blocks.find(joint), every = d.test_every.find(joint), fit = d.fit_blocks.find(joint);
+        const auto blocks = d.test_blocks.find(joint), every = d.test_every.find(joint),
+            fit = d.fit_blocks.find(joint);
         const bool here = blocks != d.test_blocks.end() && fit != d.fit_blocks.end();
         const double after = value(j, "held_out_after_nm");
         std::vector<std::string> cells = {
@@ -167,7 +169,8 @@ std::string table(const Options &o, const json &ident, const json &diagnosis, co
             g ? g->at("verdict").get<std::string>() : "not looked at",
             cell(every != d.test_every.end() ? rms_nm(every->second) : NAN)};
         if (beside)
-            cells.insert(cells.end(), {cell(published(o, joint)), after < published(o, joint) ? "yes" : "no"});
+            cells.insert(cells.end(), {cell(published(o, joint)), after < published(o, joint) ? "yes"
+                : "no"});
         out += row(cells);
     }
     return out;
@@ -184,7 +187,8 @@ std::string divisions(const Options &o, const json &ident)
     }
     std::string out = head(names);
     for (const json &j : ident.at("joints")) {
-        std::vector<std::string> cells = {std::to_string(j.at("joint").get<int>()), cell(value(j, "held_out_after_nm"))};
+        std::vector<std::string> cells = {std::to_string(j.at("joint").get<int>()),
+            cell(value(j, "held_out_after_nm"))};
         for (const json &d : other) {
             const json *e = entry(d, j.at("joint"));
             cells.push_back(cell(e ? value(*e, "held_out_after_nm") : NAN));
@@ -198,9 +202,11 @@ std::string words(const json &diagnosis)
 {
     std::string out;
     for (const json &j : diagnosis.at("joints"))
-        out += "* Joint " + std::to_string(j.at("joint").get<int>()) + ": " + j.at("words").get<std::string>() + "\n";
+        out += "* Joint " + std::to_string(j.at("joint").get<int>()) + ": " +
+            j.at("words").get<std::string>() + "\n";
     for (const json &s : diagnosis.value("skipped", json::array()))
-        out += "* Joint " + std::to_string(s.at("joint").get<int>()) + ": " + s.at("why").get<std::string>() + "\n";
+        out += "* Joint " + std::to_string(s.at("joint").get<int>()) + ": " +
+            s.at("why").get<std::string>() + "\n";
     return out;
 }
 
@@ -212,7 +218,8 @@ std::string tried(const json &diagnosis)
         for (std::size_t k = 0; k < std::min<std::size_t>(2, j.at("tried").size()); ++k) {
             const json &t = j.at("tried")[k];
             const std::string note = t.at("note").get<std::string>();
-            out += row({std::to_string(j.at("joint").get<int>()), t.at("id"), num(value(t, "log_e")), num(value(t, "rms_nm")),
+            out += row({std::to_string(j.at("joint").get<int>()), t.at("id"), num(value(t, "log_e")),
+                num(value(t, "rms_nm")),
                         note.empty() ? "-" : note});
         }
     return out;
@@ -238,7 +245,8 @@ std::string stretches(const Data &d)
 // Lines found in the fit runs; what they are, and what taking them off does, on the held-out ones.
 std::string lines(const Options &o, const Data &d)
 {
-    std::string out = head({"joint", "order per joint turn", "amplitude, N.m", "over its neighbours", "held out, N.m",
+    std::string out = head({"joint", "order per joint turn", "amplitude, N.m", "over its neighbours",
+        "held out, N.m",
                             "held-out rms without it"});
     for (const auto &[joint, fit] : d.fit_rows) {
         const auto test = d.test_rows.find(joint);
@@ -251,7 +259,8 @@ std::string lines(const Options &o, const Data &d)
         for (const Line &line : found) {
             const double before = rms_nm(left), there = line_at(left, line.order).amplitude_nm;
             left = without_lines(std::move(left), {line});
-            out += row({std::to_string(joint), num(line.order, 4), num(line.amplitude_nm), num(line.over_floor, 2), num(there),
+            out += row({std::to_string(joint), num(line.order, 4), num(line.amplitude_nm),
+                num(line.over_floor, 2), num(there),
                         num(before) + " -> " + num(rms_nm(left))});
         }
     }
@@ -271,7 +280,8 @@ std::string orders(const Options &o, const Data &d)
         for (const double order : o.orders) {
             const Line line = line_at(runs, order);
             const bool seen = line.over_floor >= kSeen;
-            cells.push_back(num(line.amplitude_nm) + (seen ? " **x " : " x ") + num(line.over_floor, 2) + (seen ? "**" : ""));
+            cells.push_back(num(line.amplitude_nm) + (seen ? " **x " : " x ") + num(line.over_floor, 2) +
+                (seen ? "**" : ""));
         }
         out += row(cells);
     }
@@ -286,21 +296,25 @@ std::string starred(const Loss &l, int k)
 
 std::string loss(const Data &d)
 {
-    std::string out = head({"joint", "Coulomb, N.m", "viscous, N.m s/rad", "driving, N.m/N.m", "driven, N.m/N.m",
-                            "reflected inertia, kg m^2", "offset, N.m", "load, N.m rms", "loss, N.m rms", "left without load", "left"});
+    std::string out = head({"joint", "Coulomb, N.m", "viscous, N.m s/rad", "driving, N.m/N.m",
+        "driven, N.m/N.m",
+                            "reflected inertia, kg m^2", "offset, N.m", "load, N.m rms", "loss, N.m rms",
+                                    "left without load", "left"});
     for (const auto &[joint, runs] : d.all_rows) {
         const Loss l = gear_loss(runs);
         std::vector<std::string> cells = {std::to_string(joint)};
         for (int k = 0; k < Loss::Count; ++k)
             cells.push_back(starred(l, k));
-        cells.insert(cells.end(), {num(l.load_rms_nm), num(l.loss_rms_nm), num(l.left_constant_nm), num(l.left_nm)});
+        cells.insert(cells.end(), {num(l.load_rms_nm), num(l.loss_rms_nm), num(l.left_constant_nm),
+            num(l.left_nm)});
         out += row(cells);
     }
     return out;
 }
 
 // By the number in the run's name, runN.csv.
-int run_number(const std::string &name) { return std::atoi(name.c_str() + std::min<std::size_t>(name.size(), 3)); }
+int run_number(const std::string &name) { return std::atoi(name.c_str() +
+        std::min<std::size_t>(name.size(), 3)); }
 
 struct Shares { std::vector<std::pair<int, FrictionShare>> of_run; };
 
@@ -311,7 +325,8 @@ std::map<int, Shares> shares(const Data &d)
         Shares &s = out[joint];
         for (std::size_t k = 0; k < runs.size(); ++k)
             s.of_run.emplace_back(run_number(d.names.at(joint)[k]), friction_share(runs[k]));
-        std::sort(s.of_run.begin(), s.of_run.end(), [](const auto &a, const auto &b) { return a.first < b.first; });
+        std::sort(s.of_run.begin(), s.of_run.end(),
+            [](const auto &a, const auto &b) { return a.first < b.first; });
     }
     return out;
 }
@@ -381,7 +396,8 @@ void write_folded(const Options &o, const Data &d)
         for (std::size_t k = 0; k < sum.size(); ++k)
             if (rows[k] > 0)
                 out += std::to_string(joint) + " " + num(line[0].order, 5) + (k < bins ? " 1 " : " -1 ") +
-                       num((static_cast<double>(k % bins) + 0.5) / bins, 4) + " " + num(sum[k] / rows[k], 4) + " " +
+                       num((static_cast<double>(k % bins) + 0.5) / bins, 4) + " " +
+                               num(sum[k] / rows[k], 4) + " " +
                        num(rows[k], 6) + "\n";
         out += "\n\n";
     }
@@ -395,8 +411,10 @@ void write_residuals(const Options &o, const Data &d)
         for (const Signal &s : runs)
             for (Eigen::Index i = 0; i < s.t_s.size(); ++i) {
                 const bool has = s.sensor_nm.size() > 0;
-                for (const double x : {static_cast<double>(joint), s.t_s[i], s.q_rad[i], s.v_radps[i], s.residual_nm[i],
-                                       has ? s.tau_nm[i] - s.sensor_nm[i] : NAN, has ? s.sensor_nm[i] : NAN, s.dir[i]})
+                for (const double x : {static_cast<double>(joint), s.t_s[i], s.q_rad[i], s.v_radps[i],
+                    s.residual_nm[i],
+                                       has ? s.tau_nm[i] - s.sensor_nm[i] : NAN, has ? s.sensor_nm[i] : NAN,
+                                               s.dir[i]})
                     out += (std::isfinite(x) ? num(x, 7) : "NaN") + " ";
                 out += "\n";
             }
@@ -411,14 +429,16 @@ void write_shares(const Options &o, const std::map<int, Shares> &all)
     for (const auto &[joint, s] : all) {
         for (const auto &[run, share] : s.of_run)
             if (std::isfinite(share.share))
-                out += std::to_string(joint) + " " + std::to_string(run) + " " + num(share.share, 5) + " " + num(share.sigma, 3) + "\n";
+                out += std::to_string(joint) + " " + std::to_string(run) + " " + num(share.share, 5) + " " +
+                    num(share.sigma, 3) + "\n";
         out += "\n\n";
     }
     write_file(o.dir + "/share.dat", out);
 }
 
 // Replaces every line of the text that reads @NAME@.
-std::string filled(const std::string &text, const std::string &path, const std::map<std::string, std::string> &parts)
+std::string filled(const std::string &text, const std::string &path, const std::map<std::string,
+    std::string> &parts)
 {
     std::istringstream in(text);
     std::string out, line;
@@ -441,7 +461,8 @@ void write_page(const Options &o, const std::vector<std::string> &groups)
     const json diagnosis = document(o.dir + "/diagnosis/diagnosis.json", "hdt-diagnosis");
     const ArmFile model = ArmFile::load(o.dir + "/diagnosis/model.toml");
     const Data d = read_data(model, o);
-    std::map<std::string, std::string> parts = {{"TABLE", table(o, ident, diagnosis, d)}, {"WORDS", words(diagnosis)},
+    std::map<std::string, std::string> parts = {{"TABLE", table(o, ident, diagnosis, d)},
+        {"WORDS", words(diagnosis)},
                                                 {"TRIED", tried(diagnosis)}, {"LINES", lines(o, d)},
                                                 {"STRETCHES", stretches(d)}};
     if (!o.orders.empty())

@@ -162,7 +162,8 @@ MatrixXd loss_columns(const Signal &s)
 }
 
 // What is left of each run by the fit of the columns `use` to the other runs.
-double left_out_nm(const std::vector<MatrixXd> &x, const std::vector<VectorXd> &y, const std::vector<Index> &use)
+double left_out_nm(const std::vector<MatrixXd> &x, const std::vector<VectorXd> &y,
+    const std::vector<Index> &use)
 {
     double sum = 0, rows = 0;
     for (std::size_t out = 0; out < x.size(); ++out) {
@@ -273,7 +274,8 @@ Spectrum order_spectrum(const std::vector<Signal> &runs, double highest)
     // a line needs one and a half periods of travel, else it is a slope by another name
     out.first = std::max(1.0, std::ceil(1.5 * kTurn / range));
     out.step = std::clamp(0.25 * kTurn / range, 0.25, 5.0);
-    const auto count = highest < out.first ? 0 : 1 + static_cast<std::size_t>((highest - out.first) / out.step);
+    const auto count = highest < out.first ? 0 : 1 +
+        static_cast<std::size_t>((highest - out.first) / out.step);
     std::vector<Directed> sum(count);
     for (const Signal &s : runs)
         for (Index i = 0; i < s.q_rad.size(); ++i) {
@@ -291,7 +293,8 @@ Spectrum order_spectrum(const std::vector<Signal> &runs, double highest)
         up += static_cast<double>((s.dir.array() >= 0).count());
     }
     for (const Directed &d : sum)
-        out.amplitude_nm.push_back(amplitude({d.up / std::max(up, 1.0), d.down / std::max(down, 1.0), up, down}));
+        out.amplitude_nm.push_back(amplitude({d.up / std::max(up, 1.0), d.down / std::max(down, 1.0), up,
+            down}));
     return out;
 }
 
@@ -307,7 +310,8 @@ Line line_at(const std::vector<Signal> &runs, double order)
     return line;
 }
 
-std::vector<Line> strongest_lines(std::vector<Signal> runs, double highest, std::size_t most, double over_floor)
+std::vector<Line> strongest_lines(std::vector<Signal> runs, double highest, std::size_t most,
+    double over_floor)
 {
     std::vector<Line> out;
     while (out.size() < most) {
@@ -374,7 +378,8 @@ Loss gear_loss(const std::vector<Signal> &runs)
     out.loss_rms_nm = std::sqrt(sum / static_cast<double>(out.rows));
     out.load_rms_nm = std::sqrt(load / static_cast<double>(out.rows));
     out.left_constant_nm = left_out_nm(x, y, {Loss::Coulomb, Loss::Viscous, Loss::Inertia, Loss::Offset});
-    out.left_nm = left_out_nm(x, y, {Loss::Coulomb, Loss::Viscous, Loss::Drive, Loss::Back, Loss::Inertia, Loss::Offset});
+    out.left_nm = left_out_nm(x, y, {Loss::Coulomb, Loss::Viscous, Loss::Drive, Loss::Back, Loss::Inertia,
+        Loss::Offset});
     return out;
 }
 

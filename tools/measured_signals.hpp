@@ -65,7 +65,8 @@ Spectrum order_spectrum(const std::vector<Signal> &runs, double highest);
 Line line_at(const std::vector<Signal> &runs, double order);
 // Strongest first, one at a time, each taken out before the next is looked for; those less than
 // over_floor times their neighbourhood are left out.
-std::vector<Line> strongest_lines(std::vector<Signal> runs, double highest, std::size_t most, double over_floor);
+std::vector<Line> strongest_lines(std::vector<Signal> runs, double highest, std::size_t most,
+    double over_floor);
 // The runs with these lines taken off the residual.
 std::vector<Signal> without_lines(std::vector<Signal> runs, const std::vector<Line> &lines);
 
