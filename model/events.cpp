@@ -23,6 +23,7 @@ namespace {
 constexpr Index kBins = 60, kRowsLeast = 100;
 constexpr double kBinMin_s = 0.25, kMargin_s = 0.5;
 constexpr double kPlain_nats = 5;
+constexpr double kAbove = 4;         // times what the middle run's best stretch shows
 constexpr double kSure_nats = 8;     // beyond the logarithm of how many stretches were looked at
 constexpr double kShare = 3;         // of what a run leaves, the middle one of all: smaller is no event
 constexpr double kMeanRows = 10;     // a stretch of fewer blocks is a spike
@@ -190,13 +191,9 @@ void odd_runs(const JointWork &w, const std::vector<VectorXd> &residual, double 
         }
 }
 
-std::optional<Event> event_in(const JointWork &w, std::size_t run, const std::vector<Sums> *sums,
-                              const std::vector<double> &calm, double least_nm)
+// The best stretch of a run, of any shape.
+Best best_of(const std::vector<Sums> *sums, std::size_t run, const std::vector<double> &calm)
 {
-    const BlockRows &b = w.fit[run];
-    if (b.size() < kRowsLeast)
-        return {};
-    const Bins bins = bins_of(b);
     Best best;
     for (int kind = 0; kind < kShapes; ++kind) {
         const Best k = best_stretch(sums[kind][run], calm, kind);
@@ -204,12 +201,25 @@ std::optional<Event> event_in(const JointWork &w, std::size_t run, const std::ve
         if (k.llr > best.llr + (kind > 0 ? kPlain_nats : 0))
             best = k;
     }
-    const double looked_at = 1.5 * static_cast<double>(bins.count * bins.count) * static_cast<double>(w.fit.size());
+    return best;
+}
+
+double middle(std::vector<double> x)
+{
+    const auto mid = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
+    std::nth_element(x.begin(), mid, x.end());
+    return *mid;
+}
+
+std::optional<Event> event_from(const JointWork &w, std::size_t run, const Best &best, double least_nats, double least_nm)
+{
+    const BlockRows &b = w.fit[run];
     Event e;
     e.torque_nm = best.theta * std::sqrt(best.mean_square);
-    e.log_likelihood = best.llr - std::log(looked_at);
+    e.log_likelihood = best.llr - least_nats;
     if (e.log_likelihood < kSure_nats || std::abs(e.torque_nm) < least_nm)
         return {};
+    const Bins bins = bins_of(b);
     e.joint = w.joint + 1;
     e.run = b.run;
     e.run_index = run;
@@ -232,8 +242,7 @@ std::vector<Event> find_events(const JointWork &w, const Found &axis)
             left.push_back(std::sqrt(e.squaredNorm() / static_cast<double>(e.size())));
     if (left.empty())
         return {};
-    std::nth_element(left.begin(), left.begin() + static_cast<std::ptrdiff_t>(left.size() / 2), left.end());
-    const double least_nm = kShare * left[left.size() / 2];
+    const double least_nm = kShare * middle(left);
     std::vector<Event> out;
     odd_runs(w, residual, least_nm, &out);
     std::vector<Sums> sums[kShapes];
@@ -249,9 +258,18 @@ std::vector<Event> find_events(const JointWork &w, const Found &axis)
         for (std::size_t k = 0; k < mine.size(); ++k)
             calm[k] = std::max(calm[k], mine[k]);
     }
+    std::vector<Best> best;
+    std::vector<double> nats;
+    for (std::size_t r = 0; r < residual.size(); ++r) {
+        best.push_back(best_of(sums, r, calm));
+        nats.push_back(best.back().llr);
+    }
+    // a model that fits nowhere quite has something like an event in every run
+    const double bins = static_cast<double>(kBins), looked_at = 1.5 * bins * bins * static_cast<double>(w.fit.size());
+    const double least_nats = std::max(std::log(looked_at), kAbove * middle(nats));
     for (std::size_t r = 0; r < residual.size(); ++r)
         if (std::none_of(out.begin(), out.end(), [r](const Event &e) { return e.run_index == r; }))
-            if (const auto e = event_in(w, r, sums, calm, least_nm))
+            if (const auto e = event_from(w, r, best[r], least_nats, least_nm))
                 out.push_back(*e);
     std::set<std::size_t> runs;
     for (const Event &e : out)
