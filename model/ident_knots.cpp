@@ -107,6 +107,8 @@ Knots coarse(Direction *d, const Knots &now)
 Knots refine(Direction *d, Knots at)
 {
     double best = d->gain(at), side = at[0];
+    if (best < 0) // no knots these loads span
+        return at;
     for (double step = std::max(0.5, 0.5 * (at[1] - at[0])); step > least_step_nm; step /= 2)
         for (bool better = true; better;) {
             better = false;
@@ -116,7 +118,7 @@ Knots refine(Direction *d, Knots at)
                     to[static_cast<std::size_t>(k)] += sign * step;
                     bool same_side = to[0] * side > 0 && to[1] * side > 0;
                     double gain = same_side ? d->gain(to) : -1;
-                    if (gain > best * (1 + 1e-12)) {
+                    if (gain > best && gain - best > 1e-9 * std::fabs(best)) {
                         best = gain;
                         at = to;
                         better = true;
