@@ -624,7 +624,7 @@ std::optional<std::pair<std::size_t, std::size_t>> pair_for(const JointWork &w, 
             named.push_back(&s);
     std::stable_sort(named.begin(), named.end(), [](const Score *a, const Score *b) { return a->gain.total > b->gain.total; });
     std::optional<std::pair<std::size_t, std::size_t>> out;
-    double best = wanted;
+    double best = 0.95 * wanted;
     for (std::size_t i = 0; i < std::min<std::size_t>(named.size(), 3); ++i) {
         for (std::size_t k = i + 1; k < named.size(); ++k) {
             const Score &a = *named[i], &b = *named[k];
@@ -637,8 +637,11 @@ std::optional<std::pair<std::size_t, std::size_t>> pair_for(const JointWork &w, 
             }
             const Gram g = w.evidence().gram(x);
             const double total = leave_one_run_out({&g})[0].total;
-            if (total > best && total > a.gain.total + 3 * kTie_nats && total > b.gain.total + 3 * kTie_nats) {
-                best = total;
+            // what the model can take is worth more than a little more evidence it cannot use
+            const bool taken = w.families[a.family].adoptable() && w.families[b.family].adoptable();
+            const double worth = taken ? total : 0.95 * total;
+            if (total > wanted && worth > best && total > a.gain.total + 3 * kTie_nats && total > b.gain.total + 3 * kTie_nats) {
+                best = worth;
                 out = {a.family, b.family};
             }
         }

@@ -64,26 +64,6 @@ bool spans_regions(const JointRows &r, int way, const hdt_arm_stiffness &k)
     return std::min({n[0], n[1], n[2]}) >= min_region_blocks;
 }
 
-// Knots the loads of this direction span: the file's, or, where the arm does not carry that much,
-// others on the same side of load 0, for the search to start from.
-bool place_knots(const JointRows &r, int way, hdt_arm_stiffness *k)
-{
-    if (spans_regions(r, way, *k))
-        return true;
-    if (k->t1_nm * k->t2_nm <= 0)
-        return false;
-    std::vector<double> load;
-    for (Index i = 0; i < r.rows(); i++)
-        if (r.share[way][i] > 0.5 && r.load[i] * k->t1_nm > 0)
-            load.push_back(r.load[i]);
-    if (load.size() < 3 * static_cast<std::size_t>(min_region_blocks))
-        return false;
-    std::sort(load.begin(), load.end());
-    k->t1_nm = load[load.size() / 3];
-    k->t2_nm = load[2 * load.size() / 3];
-    return k->t2_nm > k->t1_nm && spans_regions(r, way, *k);
-}
-
 // The line that holds load 0 is told apart from neither the masses nor Coulomb friction: those take
 // its slope and its value.
 void flatten_home(hdt_arm_stiffness *k)
@@ -101,13 +81,10 @@ void set_free(const hdt_arm_joint &joint, JointFitState *j)
         m.free_f0[way] = m.free_fv[way] = m.free_fs[way] = moved;
     }
     if (m.has_stiffness) {
-        hdt_arm_stiffness placed[2] = {m.stiffness[0], m.stiffness[1]};
-        bool both = place_knots(j->rows, 0, &placed[0]) && place_knots(j->rows, 1, &placed[1]);
+        bool both = spans_regions(j->rows, 0, m.stiffness[0]) && spans_regions(j->rows, 1, m.stiffness[1]);
         m.free_stiffness[0] = m.free_stiffness[1] = both;
-        for (int way = 0; way < 2 && both; way++) {
-            m.stiffness[way] = placed[way];
+        for (int way = 0; way < 2 && both; way++)
             flatten_home(&m.stiffness[way]);
-        }
     }
     double range = j->rows.q.maxCoeff() - j->rows.q.minCoeff();
     for (int k = 0; k < joint.ripples; k++)
