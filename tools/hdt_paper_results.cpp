@@ -521,8 +521,8 @@ void close_loops(const Plan &plan, Results *r, const std::function<void(double)>
     }
     if (plan.want(PART_LOW)) {
         r->low.resize(3);
-        const uint32_t without = quasi_static & ~bit(HDT_TERM_STIFFNESS);
-        jobs.push_back([&plan, r, without] {
+        jobs.push_back([&plan, r] {
+            const uint32_t without = quasi_static & ~bit(HDT_TERM_STIFFNESS);
             r->low[0] = sweep_through_low(plan, *r, "without the lines", r->measured, without);
         });
         jobs.push_back([&plan, r] {
