@@ -325,7 +325,8 @@ bool tells_stiffness(const JointModel &prior, const JointFitState &j, int way)
     const JointModel &m = j.model;
     bool told = false;
     for (int k = 0; k < 2; k++)
-        told = told || excited(m.kink[way][k], sigma_of(j, k == 0 ? KINK_1 : KINK_2, way, 0), prior.kink[way][k]);
+        told = told || (!(k == 1 && m.cut_off[way])
+                        && excited(m.kink[way][k], sigma_of(j, k == 0 ? KINK_1 : KINK_2, way, 0), prior.kink[way][k]));
     return told && shows_fall(j, way);
 }
 
@@ -337,6 +338,7 @@ void mirror_stiffness(int from, JointModel *m)
     m->stiffness[to].t2_nm = -m->stiffness[from].t1_nm;
     std::reverse(m->stiffness[to].slope, m->stiffness[to].slope + 3);
     std::copy(m->kink[from], m->kink[from] + 2, m->kink[to]);
+    m->cut_off[to] = m->cut_off[from];
 }
 
 // Lines the data cannot tell are those of the other direction, mirrored as a gear without direction
@@ -353,6 +355,7 @@ bool judge_stiffness(const JointModel &prior, JointFitState *j)
         m.free_stiffness[way] = false;
         m.stiffness[way] = prior.stiffness[way];
         std::copy(prior.kink[way], prior.kink[way] + 2, m.kink[way]);
+        m.cut_off[way] = prior.cut_off[way];
         changed = true;
     }
     for (int way = 0; way < 2; way++)
@@ -449,10 +452,70 @@ bool drop_stiffness(const hdt_arm &arm, Fit *f)
     return dropped;
 }
 
+// Lines within the loads on the file's side of load 0: a third of the way apart, or, cut off, from half
+// way to the last load.  False where the loads do not go that far.
+bool place_lines(bool cut_off, JointFitState *j)
+{
+    JointModel &m = j->model;
+    bool spanned = true;
+    for (int way = 0; way < 2; way++) {
+        hdt_arm_stiffness &k = m.stiffness[way];
+        double side = k.t1_nm > 0 ? 1 : -1, furthest = 0;
+        for (Index i = 0; i < j->rows.rows(); i++)
+            if (j->rows.share[way][i] > 0.5)
+                furthest = std::max(furthest, side * j->rows.load[i]);
+        double inner = side * furthest / (cut_off ? 2 : 3), outer = side * furthest * (cut_off ? 1.0 : 2.0 / 3);
+        k.t1_nm = std::min(inner, outer);
+        k.t2_nm = std::max(inner, outer);
+        m.free_stiffness[way] = true;
+        m.cut_off[way] = cut_off;
+        flatten_home(&k);
+        spanned = spanned && furthest > 0 && (cut_off || spans_regions(j->rows, way, k));
+    }
+    return spanned;
+}
+
+// A gear whose fall lies elsewhere than the file says: where the loads do not span the file's lines,
+// lines within the loads take their place if they do markedly better.
+bool find_stiffness(const hdt_arm &arm, Fit *f)
+{
+    bool any = false;
+    for (std::size_t k = 0; k < f->problem.joint.size(); k++) {
+        const JointModel &now = f->problem.joint[k].model;
+        bool one_side = now.stiffness[0].t1_nm * now.stiffness[0].t2_nm > 0 && now.stiffness[1].t1_nm * now.stiffness[1].t2_nm > 0;
+        if (!now.has_stiffness || now.free_stiffness[0] || now.free_stiffness[1] || !one_side)
+            continue;
+        double least = log_rms(f->problem) - std::log(worth_rms);
+        Fit best = *f;
+        bool found = false;
+        for (bool cut_off : {false, true}) {
+            Fit one = *f;
+            JointFitState &j = one.problem.joint[k];
+            if (!place_lines(cut_off, &j))
+                continue;
+            iterate(arm, &one);
+            if (!(log_rms(one.problem) < least) || !shows_fall(j, 0) || !shows_fall(j, 1))
+                continue;
+            least = log_rms(one.problem);
+            best = one;
+            best.prior[k].stiffness[0] = j.model.stiffness[0];
+            best.prior[k].stiffness[1] = j.model.stiffness[1];
+            std::copy(&j.model.kink[0][0], &j.model.kink[0][0] + 4, &best.prior[k].kink[0][0]);
+            std::copy(j.model.cut_off, j.model.cut_off + 2, best.prior[k].cut_off);
+            found = true;
+        }
+        if (found)
+            *f = best;
+        any = any || found;
+    }
+    return any;
+}
+
 void run_fit(const hdt_arm &arm, Fit *f)
 {
     settle(arm, f);
-    if (drop_stiffness(arm, f))
+    bool found = find_stiffness(arm, f), dropped = drop_stiffness(arm, f);
+    if (found || dropped)
         settle(arm, f);
 }
 
@@ -519,6 +582,18 @@ void scale_notes(const Problem &p, const std::vector<JointFit> &joints, std::vec
                              + ": one scale for all masses does not describe this arm");
 }
 
+void cut_off_notes(const Problem &p, std::vector<std::string> *notes)
+{
+    for (const JointFitState &j : p.joint)
+        for (int way = 0; way < 2; way++) {
+            const hdt_arm_stiffness &k = j.model.stiffness[way];
+            if (j.model.cut_off[way])
+                notes->push_back(joint_name(j.rows.joint) + ": the loads end inside the soft wind-up's fall, at "
+                                 + std::to_string(k.t1_nm > 0 ? k.t2_nm : k.t1_nm) + " N m moving "
+                                 + (way == 0 ? "up" : "down") + "; beyond that the torque is held");
+        }
+}
+
 void check_arm(const hdt_arm &arm)
 {
     if (masses_known(arm))
@@ -558,6 +633,7 @@ IdentResult identify(const ArmFile &file, const std::vector<Run> &fit_runs, cons
         if (scaled)
             write_scale(f.problem, &out.model);
     }
+    cut_off_notes(f.problem, &out.notes);
     for (std::size_t k = 0; k < f.problem.joint.size(); k++) {
         JointFit j = {};
         const JointRows &r = f.problem.joint[k].rows;

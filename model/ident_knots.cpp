@@ -38,7 +38,7 @@ public:
             if (!mine)
                 other.push_back(c);
         }
-        for (int k = 0; k < 2; k++)
+        for (int k = 0; k < kinks(); k++)
             target += j.model.kink[way][k] * column(j, {k == 0 ? KINK_1 : KINK_2, way, 0});
         MatrixXd x(j.rows.rows(), static_cast<Index>(other.size()));
         for (std::size_t k = 0; k < other.size(); k++)
@@ -54,6 +54,7 @@ public:
 
     double low() const { return load_.front(); }
     double high() const { return load_.back(); }
+    bool cut_off() const { return j_.model.cut_off[way_]; }
 
     // Squares explained by kinks there; negative where the loads do not span the lines.
     double gain(const Knots &at)
@@ -63,20 +64,26 @@ public:
         hdt_arm_stiffness &k = j_.model.stiffness[way_];
         k.t1_nm = at[0];
         k.t2_nm = at[1];
-        MatrixXd x(y_.size(), 2);
-        x << column(j_, {KINK_1, way_, 0}), column(j_, {KINK_2, way_, 0});
+        MatrixXd x(y_.size(), kinks());
+        for (int knot = 0; knot < kinks(); knot++)
+            x.col(knot) = column(j_, {knot == 0 ? KINK_1 : KINK_2, way_, 0});
         x -= q_ * (q_.transpose() * x);
-        Eigen::Vector2d score = x.transpose() * y_;
-        Eigen::LDLT<Eigen::Matrix2d> gram(x.transpose() * x);
+        VectorXd score = x.transpose() * y_;
+        Eigen::LDLT<MatrixXd> gram(x.transpose() * x);
         return gram.isPositive() ? score.dot(gram.solve(score)) : -1;
     }
 
 private:
+    int kinks() const { return cut_off() ? 1 : 2; }
+
     bool spanned(const Knots &at) const
     {
         auto first = std::lower_bound(load_.begin(), load_.end(), at[0]);
         auto second = std::upper_bound(load_.begin(), load_.end(), at[1]);
-        return std::min({first - load_.begin(), second - first, load_.end() - second}) >= min_region_blocks;
+        Index below = first - load_.begin(), between = second - first, above = load_.end() - second;
+        if (cut_off()) // the outer line is beyond all loads
+            (at[0] > 0 ? above : below) = min_region_blocks;
+        return std::min({below, between, above}) >= min_region_blocks;
     }
 
     JointFitState j_;
@@ -92,8 +99,10 @@ Knots coarse(Direction *d, const Knots &now)
     double from = now[0] > 0 ? 0 : d->low(), to = now[0] > 0 ? d->high() : 0;
     double best = d->gain(now), step = (to - from) / grid;
     Knots out = now;
-    for (int a = 1; a < grid; a++)
-        for (int b = a + 1; b < grid; b++) {
+    // a fall that is cut off ends with the loads
+    const bool cut = d->cut_off(), up = now[0] > 0;
+    for (int a = cut && !up ? 0 : 1; a < (cut && !up ? 1 : grid); a++)
+        for (int b = cut && up ? grid : a + 1; b < (cut && up ? grid + 1 : grid); b++) {
             Knots at = {from + a * step, from + b * step};
             double gain = d->gain(at);
             if (gain > best) {
@@ -114,6 +123,8 @@ Knots refine(Direction *d, Knots at)
             better = false;
             for (int k = 0; k < 2; k++)
                 for (double sign : {-1.0, 1.0}) {
+                    if (d->cut_off() && k == (side > 0 ? 1 : 0))
+                        continue;
                     Knots to = at;
                     to[static_cast<std::size_t>(k)] += sign * step;
                     bool same_side = to[0] * side > 0 && to[1] * side > 0;

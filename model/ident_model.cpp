@@ -172,14 +172,15 @@ void write_stiffness(const JointFitState &j, ArmFile *file, std::vector<FitParam
         hdt_arm_stiffness k = j.model.stiffness[way];
         bool fitted = j.model.free_stiffness[way];
         std::string at = table + "." + way_name[way] + ".";
-        double s1 = sigma_of(j, KINK_1, way, 0), s2 = sigma_of(j, KINK_2, way, 0), both = std::hypot(s1, s2);
+        double s1 = sigma_of(j, KINK_1, way, 0), s2 = sigma_of(j, KINK_2, way, 0);
+        double both = j.model.cut_off[way] ? unknown : std::hypot(s1, s2);
         slopes_from(j.model.kink[way], &k);
         // the line that holds load 0 is kept: its slope is that of the gravity scale; sigma of the
         // others grows with every kink from there
         int home = 0 < k.t1_nm ? 0 : 0 <= k.t2_nm ? 1 : 2;
         const double sigma[3][3] = {{0, s1, both}, {s1, 0, s2}, {both, s1, 0}};
         const double *mine = sigma[home];
-        double near = sigma_of(j, KNOT_1, way, 0), far = sigma_of(j, KNOT_2, way, 0);
+        double near = sigma_of(j, KNOT_1, way, 0), far = j.model.cut_off[way] ? unknown : sigma_of(j, KNOT_2, way, 0);
         if (home == 2)
             std::swap(near, far);
         if (fitted || j.model.free_stiffness[1 - way]) { // else the mirror image of the other

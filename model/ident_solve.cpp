@@ -429,12 +429,10 @@ std::vector<Column> free_columns(const JointModel &m, bool with_nonlinear)
             out.push_back({FV, way, 0});
     for (int way = 0; way < 2; way++)
         if (m.free_stiffness[way]) {
-            out.push_back({KINK_1, way, 0});
-            out.push_back({KINK_2, way, 0});
-            if (with_nonlinear) {
-                out.push_back({KNOT_1, way, 0});
-                out.push_back({KNOT_2, way, 0});
-            }
+            for (int knot = 0; knot < (m.cut_off[way] ? 1 : 2); knot++)
+                out.push_back({knot == 0 ? KINK_1 : KINK_2, way, 0});
+            for (int knot = 0; with_nonlinear && knot < (m.cut_off[way] ? 1 : 2); knot++)
+                out.push_back({knot == 0 ? KNOT_1 : KNOT_2, way, 0});
         }
     for (int way = 0; way < 2; way++)
         if (m.free_fs[way]) {
@@ -512,6 +510,8 @@ void restore(const JointModel &from, const Column &c, JointModel *m)
         kinds = {RIPPLE_SIN, RIPPLE_COS};
     else if (c.kind == KINK_1 || c.kind == KINK_2)
         kinds = {KINK_1, KINK_2, KNOT_1, KNOT_2};
+    if (kinds.size() == 4)
+        m->cut_off[c.way] = from.cut_off[c.way];
     for (Kind kind : kinds)
         *number(m, {kind, c.way, c.index}) = *number(&source, {kind, c.way, c.index});
 }
@@ -546,6 +546,9 @@ std::vector<std::pair<std::size_t, Column>> solve(Problem *p)
             *number(&j.model, r[k].columns[i]) = own[static_cast<Index>(i)];
         if (j.model.one_fv)
             j.model.friction[1].fv_nmspr = j.model.friction[0].fv_nmspr;
+        for (int way = 0; way < 2; way++)
+            if (j.model.cut_off[way])
+                j.model.kink[way][1] = -j.model.kink[way][0];
         j.rms = std::sqrt(residual(*p, j).squaredNorm() / static_cast<double>(j.rows.rows()));
     }
     return released;

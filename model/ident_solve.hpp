@@ -33,6 +33,8 @@ struct JointModel {
     bool has_stiffness = false, free_stiffness[2] = {};
     hdt_arm_stiffness stiffness[2] = {};
     double kink[2][2] = {};             // [way]: change of slope at the knots, outward from load 0
+    // [way]: the loads end inside the fall; its outer knot is the last load, and beyond it the torque is held
+    bool cut_off[2] = {};
 };
 
 struct JointFitState {

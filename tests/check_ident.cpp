@@ -462,15 +462,15 @@ static const char *const stiffness_text =
     "stiffness.negative.t2 = { value = 20, unit = \"N m\", sigma = 0, source = \"TEST\", side = \"output\" }\n"
     "stiffness.negative.zero = { value = 0, unit = \"N m\", sigma = 0, source = \"TEST\", side = \"output\" }\n";
 
-// Outer lines 0.1 as in the file.
-static void add_windup(const Truth &t, double slope, std::vector<Run> *runs)
+// Outer lines 0.1 as in the file; the middle one ends at `to`.
+static void add_windup(const Truth &t, double slope, std::vector<Run> *runs, double to = 20)
 {
     for (Run &run : *runs)
         for (std::size_t i = 0; i < run.rows(); i++) {
             double q[2] = {run.joint[0].q_rad[i], run.joint[1].q_rad[i]}, zero[2] = {0, 0}, load[2];
             rigid(t, q, zero, zero, load);
             double x = load[0];
-            run.joint[0].tau_nm[i] += x < 12 ? 0.1 * x : x < 20 ? 1.2 + slope * (x - 12) : 1.2 + slope * 8 + 0.1 * (x - 20);
+            run.joint[0].tau_nm[i] += x < 12 ? 0.1 * x : x < to ? 1.2 + slope * (x - 12) : 1.2 + slope * (to - 12) + 0.1 * (x - to);
         }
 }
 
@@ -504,6 +504,35 @@ START_TEST(test_stiffness_lines_are_fitted_where_loads_span_them_and_dropped_whe
     r = hdt::identify(make_arm(t, spec), narrow, {}, {});
     ck_assert(r.model.arm().joint[0].has_stiffness);
     ck_assert(!find(r, "joint.1.stiffness.positive.slope.2")->excited);
+}
+END_TEST
+
+// The file's lines are beyond all loads, and the loads end before the real fall does.
+START_TEST(test_a_fall_the_loads_enter_but_do_not_leave_is_fitted_and_held_beyond_them)
+{
+    Truth t;
+    FileSpec spec;
+    spec.friction_share = 1;
+    std::string far = stiffness_text;
+    for (const auto &[from, to] : {std::pair<std::string, std::string>{"t1 = { value = 12", "t1 = { value = 120"},
+                                   {"t2 = { value = 20", "t2 = { value = 150"}})
+        for (std::size_t at = far.find(from); at != std::string::npos; at = far.find(from, at + to.size()))
+            far.replace(at, from.size(), to);
+    spec.more[0] = far.c_str();
+    std::vector<Run> runs = make_runs(t, 63, 8);
+    const double slope = 1.6;
+    add_windup(t, slope, &runs, 1e9);
+    IdentResult r = hdt::identify(make_arm(t, spec), runs, {}, {});
+    for (const char *way : {"positive", "negative"}) {
+        const std::string at = std::string("joint.1.stiffness.") + way;
+        const hdt::FitParameter *t1 = find(r, at + ".t1"), *fall = find(r, at + ".slope.2"), *home = find(r, at + ".slope.1");
+        ck_assert(t1 && fall && home && fall->excited);
+        ck_assert_double_lt(std::fabs(t1->value - 12), 4 * t1->sigma);
+        ck_assert_double_lt(std::fabs(fall->value - slope), 4 * fall->sigma); // the line of load 0 is the masses'
+        ck_assert_double_eq(find(r, at + ".slope.3")->value, home->value);
+    }
+    ck_assert(noted(r, "the loads end inside the soft wind-up's fall"));
+    ck_assert_double_lt(r.joints[0].rms_after_nm, 1.2 * floor_nm(t, 200));
 }
 END_TEST
 
@@ -660,6 +689,7 @@ static Suite *ident_suite(void)
     tcase_add_test(honest, test_what_the_motion_does_not_excite_is_kept);
     tcase_add_test(honest, test_a_term_that_is_not_there_is_not_invented);
     tcase_add_test(honest, test_stiffness_lines_are_fitted_where_loads_span_them_and_dropped_where_refuted);
+    tcase_add_test(honest, test_a_fall_the_loads_enter_but_do_not_leave_is_fitted_and_held_beyond_them);
     tcase_add_test(honest, test_stiffness_that_does_harm_is_taken_out_though_loads_stay_on_one_line);
     tcase_add_test(honest, test_friction_is_never_negative);
     suite_add_tcase(s, honest);
