@@ -18,6 +18,7 @@
 #include <functional>
 #include <mutex>
 #include <set>
+#include <sstream>
 #include <thread>
 
 #include <fcntl.h>
@@ -27,6 +28,7 @@
 
 #include "model/files.hpp"
 #include "model/log.hpp"
+#include "model/text.hpp"
 
 extern char **environ;
 
@@ -48,6 +50,14 @@ std::string number(double x)
     char buffer[32];
     std::snprintf(buffer, sizeof buffer, "%.6g", x);
     return buffer;
+}
+
+std::string joined(const Text &words)
+{
+    std::string out;
+    for (const std::string &w : words)
+        out += w + "\n";
+    return out;
 }
 
 // Runs a program to its end, what it says to DIR/said; throws InputError with the last of it.
@@ -176,6 +186,8 @@ private:
 
     std::string specimen_dir(int s) const { return place_.out + "/specimen" + std::to_string(s); }
     std::string model_of(int s) const { return specimen_dir(s) + "/commissioned/model.toml"; }
+    std::string case_dir(const Case &c) const;
+    void empty_directory(const std::string &dir) const;
     void simulate(const std::string &dir, int specimen, int set, int run, const Text &hidden) const;
     void commission(int specimen) const;
     void diagnose_into(const std::string &dir, const std::string &model, const Text &fit, const Text &test,
@@ -219,15 +231,37 @@ void Rig::simulate(const std::string &dir, int specimen, int set, int run, const
                   "--out", run_file(dir, run)};
     for (const std::string &h : hidden)
         words.insert(words.end(), {"--effect", h});
+    if (!place_.keep)
+        return call(words, dir);
+    // a kept log of the very same run serves again
+    const std::string made_by = run_file(dir, run) + ".made-by", line = joined(words);
+    if (fs::exists(run_file(dir, run)) && fs::exists(made_by) && read_text(made_by) == line)
+        return;
+    fs::remove(made_by);
     call(words, dir);
+    write_file(made_by, line);
+}
+
+std::string Rig::case_dir(const Case &c) const
+{
+    std::string plain = c.name;
+    std::replace(plain.begin(), plain.end(), '/', '-');
+    return place_.out + "/case-" + plain;
+}
+
+// What is kept stays: the same command again simulates nothing twice.
+void Rig::empty_directory(const std::string &dir) const
+{
+    if (!place_.keep)
+        fs::remove_all(dir);
+    fs::create_directories(dir);
 }
 
 // The model of a healthy specimen, from eight runs that nothing else uses.
 void Rig::commission(int specimen) const
 {
     const std::string dir = specimen_dir(specimen);
-    fs::remove_all(dir);
-    fs::create_directories(dir);
+    empty_directory(dir);
     for (int r = 0; r < kRuns; r++)
         simulate(dir, specimen, kCommissionSet, r, {});
     Text words = {place_.hdt, "ident", "--arm", place_.arm, "--fit"};
@@ -238,6 +272,8 @@ void Rig::commission(int specimen) const
     }
     words.insert(words.end(), {"--out", dir + "/commissioned"});
     call(words, dir);
+    if (place_.keep)
+        return;
     for (int r = 0; r < kRuns; r++)
         fs::remove(run_file(dir, r));
 }
@@ -286,7 +322,8 @@ std::vector<double> Rig::jitter(const std::string &dir, const SetKey &key, const
     std::vector<double> nm;
     for (std::size_t j = 0; j < once.tau_nm.size(); j++)
         nm.push_back(reducible_rms(change_of(twin, once, j), once.v_radps[j]));
-    fs::remove_all(again);
+    if (!place_.keep)
+        fs::remove_all(again);
     return nm;
 }
 
@@ -294,8 +331,7 @@ void Rig::make_healthy(const SetKey &key)
 {
     const std::string dir =
         place_.out + "/healthy" + std::to_string(key.first) + "-" + std::to_string(key.second);
-    fs::remove_all(dir);
-    fs::create_directories(dir);
+    empty_directory(dir);
     Healthy h;
     for (int r = 0; r < kRuns; r++) {
         simulate(dir, key.first, key.second, r, {});
@@ -380,9 +416,16 @@ void Rig::calibrate(const Case &c, const std::string &id)
 
 Text Rig::hidden_of(const Case &c)
 {
+    const std::string kept = case_dir(c) + "/hidden";
+    Text out;
+    if (place_.keep && fs::exists(kept)) {
+        std::istringstream lines(read_text(kept));
+        for (std::string line; std::getline(lines, line);)
+            out.push_back(line);
+        return out;
+    }
     if (c.group == Group::Null)
         return noise_of(c);
-    Text out;
     const double floor = healthy_.at({c.specimen, c.set}).floor_nm(c.joint);
     for (const std::string &id : c.ids) {
         const Kind &k = kind_of(id);
@@ -444,17 +487,15 @@ void Rig::one_case(const Case &c)
 {
     Outcome o;
     o.c = c;
-    std::string plain = c.name;
-    std::replace(plain.begin(), plain.end(), '/', '-');
-    const std::string dir = place_.out + "/case-" + plain;
+    const std::string dir = case_dir(c);
     try {
         if (c.group == Group::Null && c.ids[0] == noise_families()[0]) {
             o.answer = healthy_.at({c.specimen, c.set}).answer;
             return note(std::move(o));
         }
-        fs::remove_all(dir);
-        fs::create_directories(dir);
+        empty_directory(dir);
         o.hidden = hidden_of(c);
+        write_file(dir + "/hidden", joined(o.hidden));
         for (int r = 0; r < kRuns; r++)
             simulate(dir, c.specimen, c.set, r, c.only_run < 0 || c.only_run == r ? o.hidden : Text{});
         o.answer = diagnose_set(dir, model_of(c.specimen));
@@ -515,7 +556,7 @@ std::vector<Outcome> Rig::run(const std::vector<Case> &cases)
     for (const Case &c : cases) {
         specimens.insert(c.specimen);
         sets.insert({c.specimen, c.set % size_.sets});
-        if (c.group != Group::Null)
+        if (c.group != Group::Null && !(place_.keep && fs::exists(case_dir(c) + "/hidden")))
             for (const std::string &id : c.ids)
                 units.emplace(size_key(c, id), std::make_pair(c, id));
     }
