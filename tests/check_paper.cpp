@@ -642,7 +642,7 @@ START_TEST(test_page)
     write_page(at, plan, carry_out(plan, [](double) {}));
     std::ifstream json_file(at + "/paper.json"), page(at + "/report.html"), tables(at + "/tables.md");
     const auto json = nlohmann::json::parse(json_file);
-    ck_assert_str_eq(json.at("format").get<std::string>().c_str(), "hdt-paper");
+    ck_assert_str_eq(json.at("format").get_ref<const std::string &>().c_str(), "hdt-paper");
     ck_assert_uint_eq(json.at("equations").size(), 5);
     ck_assert_double_gt(json.at("equations")[0].at("printed_worst_nm").get<double>(), 50);
     ck_assert(!json.at("statements")[0].at("holds").get<bool>());
