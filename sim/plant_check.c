@@ -309,11 +309,14 @@ static void add(struct plant_model *m, const struct plant_change *c)
     memcpy((char *)m + c->field, &value, sizeof value);
 }
 
-static const char *check_changes(const struct plant_model *m)
+/* The model must also be a plant with all of its changes at once. */
+static const char *check_changes(struct plant_model *m)
 {
-    struct plant_model all = *m;
     if (m->changes < 0 || m->changes > PLANT_CHANGES_MAX)
         return "changes: out of 0..PLANT_CHANGES_MAX";
+    if (m->changes == 0)
+        return NULL;
+    struct plant_model all = *m;
     for (int i = 0; i < m->changes; i++) {
         const struct plant_change *c = &m->change[i];
         size_t last = offsetof(struct plant_model, joint) + (size_t)m->joints * sizeof m->joint[0];
@@ -325,7 +328,8 @@ static const char *check_changes(const struct plant_model *m)
     }
     all.changes = 0;
     const char *wrong = check_all(&all);
-    return wrong != NULL && m->changes > 0 ? wrong : NULL;
+    m->check_joint = all.check_joint;
+    return wrong;
 }
 
 const struct plant_model *plant_now(const struct plant_model *m, double t_s,

@@ -1253,6 +1253,24 @@ START_TEST(test_check_names_what_is_wrong_and_where)
 }
 END_TEST
 
+/* Only with its change is the model wrong: named as if it stood so. */
+START_TEST(test_check_names_the_joint_a_change_makes_wrong)
+{
+    struct plant_model m = pa10_plant();
+    m.change[0] = (struct plant_change){ 0, -1, 1, 2 };
+    m.change[0].field = (uint32_t)((char *)&m.joint[4].fx_load_mu - (char *)&m);
+    m.changes = 1;
+    refuse(m, 5, "negative");
+    m.change[0].add = 0.1;
+    accept(&m);
+    ck_assert_int_eq(m.check_joint, 0);
+    m.changes = -1;
+    refuse(m, 0, "changes");
+    m.changes = PLANT_CHANGES_MAX + 1;
+    refuse(m, 0, "changes");
+}
+END_TEST
+
 START_TEST(test_check_accepts_the_edges)
 {
     struct plant_model m = rod();
@@ -1343,6 +1361,7 @@ static Suite *plant_suite(void)
     tcase_add_test(runs, test_check_accepts_the_edges);
     tcase_add_test(runs, test_chosen_step_follows_the_fastest_thing_there_is);
     tcase_add_test(runs, test_check_names_what_is_wrong_and_where);
+    tcase_add_test(runs, test_check_names_the_joint_a_change_makes_wrong);
     TCase *all[] = { chain, gear, energy, friction, effects, runs };
     for (size_t k = 0; k < sizeof all / sizeof all[0]; k++) {
         tcase_set_timeout(all[k], 120);
