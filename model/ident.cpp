@@ -68,8 +68,7 @@ bool spans_regions(const JointRows &r, int way, const hdt_arm_stiffness &k)
 // its slope and its value.
 void flatten_home(hdt_arm_stiffness *k)
 {
-    int home = 0 < k->t1_nm ? 0 : 0 <= k->t2_nm ? 1 : 2;
-    k->slope[home] = 0;
+    k->slope[home_line(*k)] = 0;
     k->zero_nm = 0;
 }
 
@@ -317,7 +316,7 @@ bool shows_fall(const JointFitState &j, int way)
 {
     hdt_arm_stiffness k = j.model.stiffness[way];
     slopes_from(j.model.kink[way], &k);
-    return std::fabs(0 < k.t1_nm ? k.slope[2] : k.slope[0]) <= outer_slope_max;
+    return std::fabs(k.slope[home_line(k) == 0 ? 2 : 0]) <= outer_slope_max;
 }
 
 bool tells_stiffness(const JointModel &prior, const JointFitState &j, int way)

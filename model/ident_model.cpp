@@ -177,7 +177,7 @@ void write_stiffness(const JointFitState &j, ArmFile *file, std::vector<FitParam
         slopes_from(j.model.kink[way], &k);
         // the line that holds load 0 is kept: its slope is that of the gravity scale; sigma of the
         // others grows with every kink from there
-        int home = 0 < k.t1_nm ? 0 : 0 <= k.t2_nm ? 1 : 2;
+        int home = home_line(k);
         const double sigma[3][3] = {{0, s1, both}, {s1, 0, s2}, {both, s1, 0}};
         const double *mine = sigma[home];
         double near = sigma_of(j, KNOT_1, way, 0), far = j.model.cut_off[way] ? unknown : sigma_of(j, KNOT_2, way, 0);

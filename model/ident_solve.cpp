@@ -28,8 +28,6 @@ constexpr double leverage_max = 0.9;    // of one cluster
 constexpr Index runs_for_clusters = 4;
 constexpr double ridge_least = 1e-3, ridge_most = 1e4;
 
-int home_line(const hdt_arm_stiffness &k) { return 0 < k.t1_nm ? 0 : 0 <= k.t2_nm ? 1 : 2; }
-
 // Knots outward from the line that holds load 0: above it the upper ones, below it the lower ones.
 double *knot_load(hdt_arm_stiffness *k, int knot)
 {

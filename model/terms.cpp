@@ -18,10 +18,15 @@ double stribeck_nm(const hdt_arm_friction &f, double speed_radps)
     return f.f0_nm + f.fv_nmspr * speed_radps - f.fs_nm * std::expm1(-speed_radps / f.vc_radps);
 }
 
+int home_line(const hdt_arm_stiffness &k)
+{
+    return 0 < k.t1_nm ? 0 : 0 <= k.t2_nm ? 1 : 2;
+}
+
 StiffnessLines stiffness_lines(const hdt_arm_stiffness &k)
 {
     // the line that holds load 0 has the given value there; its neighbours join it at t1 and t2
-    const int home = 0 < k.t1_nm ? 0 : 0 <= k.t2_nm ? 1 : 2;
+    const int home = home_line(k);
     StiffnessLines out{};
     out.intercept_nm[home] = k.zero_nm;
     for (int line = home; line > 0; line--) {

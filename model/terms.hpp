@@ -37,6 +37,9 @@ double stribeck_nm(const hdt_arm_friction &f, double speed_radps);
 // has the value zero_nm there.
 double stiffness_nm(const hdt_arm_stiffness &k, double load_nm);
 
+// The line that holds load 0, from 0.
+int home_line(const hdt_arm_stiffness &k);
+
 // The same as value of each line at zero load, N.m.
 struct StiffnessLines { double intercept_nm[3]; };
 StiffnessLines stiffness_lines(const hdt_arm_stiffness &k);
