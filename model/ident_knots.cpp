@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <future>
 
 #include "model/ident_solve.hpp"
 
@@ -158,15 +157,6 @@ bool search_joint(const Problem &p, JointFitState *j)
 
 } // namespace
 
-bool search_knots(Problem *p)
-{
-    std::vector<std::future<bool>> work;
-    for (JointFitState &j : p->joint)
-        work.push_back(std::async(std::launch::async, [p, &j] { return search_joint(*p, &j); }));
-    bool moved = false;
-    for (auto &w : work)
-        moved = w.get() || moved;
-    return moved;
-}
+bool search_knots(Problem *p) { return search_joints(p, search_joint); }
 
 } // namespace hdt::fit

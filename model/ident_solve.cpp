@@ -552,16 +552,18 @@ std::vector<std::pair<std::size_t, Column>> solve(Problem *p)
     return released;
 }
 
-bool search_stribeck(Problem *p)
+bool search_joints(Problem *p, bool (*search)(const Problem &, JointFitState *))
 {
     std::vector<std::future<bool>> work;
     for (JointFitState &j : p->joint)
-        work.push_back(std::async(std::launch::async, [p, &j] { return search_joint(*p, &j); }));
+        work.push_back(std::async(std::launch::async, [p, search, &j] { return search(*p, &j); }));
     bool moved = false;
     for (auto &w : work)
         moved = w.get() || moved;
     return moved;
 }
+
+bool search_stribeck(Problem *p) { return search_joints(p, search_joint); }
 
 std::vector<int> independent_shared(const Problem &p, const std::vector<int> &candidates)
 {

@@ -75,6 +75,10 @@ void restore(const JointModel &from, const Column &c, JointModel *m);
 // released from the fit and named in the returned list (joint index, column).
 std::vector<std::pair<std::size_t, Column>> solve(Problem *p);
 
+// A search that changes numbers of one joint only and says whether one moved, on all joints at once;
+// true if one moved.
+bool search_joints(Problem *p, bool (*search)(const Problem &, JointFitState *));
+
 // Best Stribeck speed per joint and direction for the present shared numbers; true if one moved.
 bool search_stribeck(Problem *p);
 
