@@ -104,13 +104,7 @@ struct Writer {
     }
 
     // Index of an effect already there, 0 when absent.
-    int existing(const std::string &id) const
-    {
-        for (int i = 1; i <= file->count(joint + ".effect"); ++i)
-            if (file->get_text(joint + ".effect." + std::to_string(i) + ".id") == id)
-                return i;
-        return 0;
-    }
+    int existing(const std::string &id) const { return file->find(joint + ".effect", id); }
 
     double old(int index, const std::string &number) const
     {

@@ -403,6 +403,14 @@ int ArmFile::count(const std::string &array_key) const
     return impl_->document.count(array_key);
 }
 
+int ArmFile::find(const std::string &array_key, const std::string &id) const
+{
+    for (int i = 1; i <= count(array_key); i++)
+        if (get_text(array_key + "." + std::to_string(i) + ".id") == id)
+            return i;
+    return 0;
+}
+
 Quantity ArmFile::get(const std::string &key) const
 {
     const auto found = impl_->document.entries.find(key);

@@ -58,6 +58,8 @@ public:
                 const std::vector<std::pair<std::string, Quantity>> &quantities);
     bool has(const std::string &key) const;     // a number, a text, or a table that holds some
     int count(const std::string &array_key) const; // tables in an array of tables, 0 when absent
+    // Which of an array's tables has this id, e.g. find("joint.2.effect", "inertia"), from 1; 0 when none.
+    int find(const std::string &array_key, const std::string &id) const;
     Quantity get(const std::string &key) const; // throws InputError when absent
     std::string get_text(const std::string &key) const; // likewise
     void erase(const std::string &key); // with all below it; later tables of an array move up

@@ -593,6 +593,18 @@ void cut_off_notes(const Problem &p, std::vector<std::string> *notes)
         }
 }
 
+void add_presliding(const std::vector<Run> &runs, double block_s, IdentResult *out)
+{
+    std::vector<int> joints;
+    for (const JointFit &j : out->joints)
+        joints.push_back(j.joint);
+    std::vector<std::vector<FitParameter>> built_up = fit_presliding(runs, joints, block_s, &out->model);
+    for (std::size_t k = 0; k < joints.size(); k++) {
+        std::vector<FitParameter> &list = out->joints[k].parameters;
+        list.insert(list.end(), built_up[k].begin(), built_up[k].end());
+    }
+}
+
 void check_arm(const hdt_arm &arm)
 {
     if (masses_known(arm))
@@ -649,10 +661,7 @@ IdentResult identify(const ArmFile &file, const std::vector<Run> &fit_runs, cons
     if (fit_runs.size() < 4)
         out.notes.push_back("fewer than four runs: sigma does not hold scatter from run to run");
     out.model.refresh();
-    for (JointFit &j : out.joints) {
-        std::vector<FitParameter> built_up = fit_presliding(fit_runs, j.joint, options.block_s, &out.model);
-        j.parameters.insert(j.parameters.end(), built_up.begin(), built_up.end());
-    }
+    add_presliding(fit_runs, options.block_s, &out);
     out.model.refresh();
 
     std::vector<JointRows> after = make_rows(out.model.arm(), fit_data, false);

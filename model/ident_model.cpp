@@ -30,21 +30,6 @@ const char *const inertial_unit[10] = {"kg", "kg m", "kg m", "kg m", "kg m^2", "
 
 std::string joint_key(int joint, const std::string &rest) { return "joint." + std::to_string(joint + 1) + "." + rest; }
 
-// sigma NaN: there is no figure; the file then says low confidence.
-Quantity quantity(std::vector<double> value, const char *unit, std::vector<double> sigma, const char *side)
-{
-    Quantity q;
-    q.value = std::move(value);
-    q.unit = unit;
-    q.source = source_id;
-    q.side = side;
-    if (std::all_of(sigma.begin(), sigma.end(), [](double s) { return std::isfinite(s); }))
-        q.sigma = std::move(sigma);
-    else
-        q.confidence = "low";
-    return q;
-}
-
 double file_sigma(const ArmFile &file, const std::string &key)
 {
     if (!file.has(key))
@@ -73,15 +58,13 @@ void split_offset(const JointFitState &j, hdt_arm_friction f[2], ArmFile *file, 
     f[0].f0_nm = f[1].f0_nm = std::max(0.0, (f[0].f0_nm + f[1].f0_nm) / 2);
     sigma = std::hypot(sigma_of(j, F0, 0, 0), sigma_of(j, F0, 1, 0)) / 2;
     std::string array = joint_key(joint, "effect"), key;
-    for (int k = 1; k <= file->count(array); k++)
-        if (file->get_text(array + "." + std::to_string(k) + ".id") == "torque_offset")
-            key = array + "." + std::to_string(k) + ".torque";
-    if (key.empty()) {
-        file->append(array, {{"id", "torque_offset"}}, {{"torque", quantity({offset}, "N m", {sigma}, "output")}});
-        key = array + "." + std::to_string(file->count(array)) + ".torque";
-    } else {
+    if (int k = file->find(array, "torque_offset")) {
+        key = array + "." + std::to_string(k) + ".torque";
         offset += file->get(key).value[0];
         file->set(key, quantity({offset}, "N m", {sigma}, "output"));
+    } else {
+        file->append(array, {{"id", "torque_offset"}}, {{"torque", quantity({offset}, "N m", {sigma}, "output")}});
+        key = array + "." + std::to_string(file->count(array)) + ".torque";
     }
     list->push_back({key, "N m", offset, sigma, true});
     notes->push_back("joint " + std::to_string(joint + 1) + ": Coulomb friction came out negative one way; the two "
@@ -200,6 +183,20 @@ void write_stiffness(const JointFitState &j, ArmFile *file, std::vector<FitParam
 }
 
 } // namespace
+
+Quantity quantity(std::vector<double> value, const char *unit, std::vector<double> sigma, const char *side)
+{
+    Quantity q;
+    q.value = std::move(value);
+    q.unit = unit;
+    q.source = source_id;
+    q.side = side;
+    if (std::all_of(sigma.begin(), sigma.end(), [](double s) { return std::isfinite(s); }))
+        q.sigma = std::move(sigma);
+    else
+        q.confidence = "low";
+    return q;
+}
 
 JointModel model_of(const hdt_arm_joint &joint)
 {

@@ -15,6 +15,10 @@
 
 namespace hdt::fit {
 
+// As the file records a fitted number.  sigma NaN: there is no figure; the file then says low
+// confidence.
+Quantity quantity(std::vector<double> value, const char *unit, std::vector<double> sigma, const char *side);
+
 // The file's numbers of one joint; nothing is free yet.
 JointModel model_of(const hdt_arm_joint &joint);
 

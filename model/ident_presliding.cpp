@@ -11,11 +11,12 @@
 #include <algorithm>
 #include <cmath>
 
-#include "model/ident_rows.hpp"
+#include "model/ident_model.hpp"
 
 namespace hdt::fit {
 
 using Eigen::Index;
+using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 namespace {
@@ -26,18 +27,21 @@ constexpr double clear_sigmas = 3;
 constexpr double worth_share = 0.15; // of the squares near reversals
 constexpr double near_share = 0.05;  // a block where the term is below this share of its size is far
 
-double travel_at(double step) { return travel_least_rad * std::pow(travel_most_rad / travel_least_rad, step / (grid - 1)); }
+double travel_at(double step)
+{
+    return travel_least_rad * std::pow(travel_most_rad / travel_least_rad, step / (grid - 1));
+}
 
 // Sums over one run, for every travel of the grid.
 struct Sums { VectorXd xy = VectorXd::Zero(grid), xx = VectorXd::Zero(grid), yy = VectorXd::Zero(grid); };
 
-Sums sums_of(const Conditioned &c, const hdt_arm &arm, int j)
+Sums sums_of(const Conditioned &c, const hdt_arm_joint &joint, int j, const MatrixXd &terms)
 {
     Sums out;
     if (!c.present[static_cast<std::size_t>(j)])
         return out;
-    const VectorXd total = declared_terms(arm, c)[static_cast<std::size_t>(j)].rowwise().sum();
-    const VectorXd y = c.block_mean(j, arm.joint[j].torque_gain * c.tau.col(j) - total);
+    const VectorXd total = terms.rowwise().sum();
+    const VectorXd y = c.block_mean(j, joint.torque_gain * c.tau.col(j) - total);
     for (int k = 0; k < grid; k++) {
         // from rest it is not known how far friction had built up
         const VectorXd full = (c.built_up.col(j).array() >= 1).cast<double>() * -c.dir.col(j).array()
@@ -73,37 +77,9 @@ Best best_of(const Sums &s)
     return {here + part * (there - here), travel_at(static_cast<double>(at) + shift), gain[at] / s.yy[at]};
 }
 
-void erase_presliding(int number, ArmFile *file)
+// From the sums of every run, those of one joint.
+std::vector<FitParameter> fit_joint(const std::vector<Sums> &each, int number, ArmFile *file)
 {
-    const std::string array = "joint." + std::to_string(number) + ".effect";
-    for (int k = file->count(array); k >= 1; k--)
-        if (file->get_text(array + "." + std::to_string(k) + ".id") == "presliding")
-            file->erase(array + "." + std::to_string(k));
-}
-
-Quantity quantity(double value, const char *unit, double sigma)
-{
-    Quantity q;
-    q.value = {value};
-    q.unit = unit;
-    q.sigma = {sigma};
-    q.source = "IDENT";
-    return q;
-}
-
-} // namespace
-
-std::vector<FitParameter> fit_presliding(const std::vector<Run> &runs, int number, double block_s, ArmFile *file)
-{
-    hdt_arm arm = file->arm();
-    hdt_arm_joint &joint = arm.joint[number - 1];
-    joint.presliding_nm = joint.presliding_rad = 0;
-    ConditionOptions how;
-    how.block_s = block_s;
-    how.soft_margin_nm = fall_margin_nm;
-    std::vector<Sums> each;
-    for (const Conditioned &c : condition_all(runs, arm, how))
-        each.push_back(sums_of(c, arm_for_run(arm, c), number - 1));
     Sums all;
     for (const Sums &s : each) {
         all.xy += s.xy;
@@ -122,17 +98,46 @@ std::vector<FitParameter> fit_presliding(const std::vector<Run> &runs, int numbe
         torque_square += (b.torque - best.torque) * (b.torque - best.torque) * (n - 1) / n;
         travel_square += (b.travel - best.travel) * (b.travel - best.travel) * (n - 1) / n;
     }
-    erase_presliding(number, file);
+    const std::string array = "joint." + std::to_string(number) + ".effect";
+    if (const int old = file->find(array, "presliding"))
+        file->erase(array + "." + std::to_string(old));
+    const hdt_arm_joint &joint = file->arm().joint[number - 1];
     const double sigma = std::sqrt(torque_square), travel_sigma = std::sqrt(travel_square);
     // what is missing at the turning point is friction the one way still, instead of the other
     const double most = 2 * std::max(stribeck_nm(joint.friction[0], 0), stribeck_nm(joint.friction[1], 0));
     if (n < 2 || !(best.torque > clear_sigmas * sigma) || best.share < worth_share || best.torque > most)
         return {};
-    const std::string array = "joint." + std::to_string(number) + ".effect";
     file->append(array, {{"id", "presliding"}},
-                 {{"torque", quantity(best.torque, "N m", sigma)}, {"travel", quantity(best.travel, "rad", travel_sigma)}});
+                 {{"torque", quantity({best.torque}, "N m", {sigma}, "")},
+                  {"travel", quantity({best.travel}, "rad", {travel_sigma}, "")}});
     const std::string key = array + "." + std::to_string(file->count(array)) + ".";
-    return {{key + "torque", "N m", best.torque, sigma, true}, {key + "travel", "rad", best.travel, travel_sigma, true}};
+    return {{key + "torque", "N m", best.torque, sigma, true},
+            {key + "travel", "rad", best.travel, travel_sigma, true}};
+}
+
+} // namespace
+
+std::vector<std::vector<FitParameter>> fit_presliding(const std::vector<Run> &runs, const std::vector<int> &joints,
+                                                      double block_s, ArmFile *file)
+{
+    hdt_arm arm = file->arm();
+    for (int number : joints)
+        arm.joint[number - 1].presliding_nm = arm.joint[number - 1].presliding_rad = 0;
+    ConditionOptions how;
+    how.block_s = block_s;
+    how.soft_margin_nm = fall_margin_nm;
+    std::vector<std::vector<Sums>> sums(joints.size());
+    for (const Conditioned &c : condition_all(runs, arm, how)) {
+        const std::vector<MatrixXd> terms = declared_terms(arm, c);
+        for (std::size_t k = 0; k < joints.size(); k++) {
+            const int j = joints[k] - 1;
+            sums[k].push_back(sums_of(c, arm.joint[j], j, terms[static_cast<std::size_t>(j)]));
+        }
+    }
+    std::vector<std::vector<FitParameter>> out;
+    for (std::size_t k = 0; k < joints.size(); k++)
+        out.push_back(fit_joint(sums[k], joints[k], file));
+    return out;
 }
 
 } // namespace hdt::fit

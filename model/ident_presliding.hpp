@@ -13,9 +13,10 @@
 
 namespace hdt::fit {
 
-// Fit joint `number` (1-based) of the model on what the rest of it leaves; writes the effect
-// "presliding" into the file and returns its numbers, or takes it out and returns none where the
-// runs do not show it.   file->refresh() is the caller's.
-std::vector<FitParameter> fit_presliding(const std::vector<Run> &runs, int number, double block_s, ArmFile *file);
+// Fit these joints (1-based) of the model, each on what the rest of the model leaves; writes the
+// effect "presliding" into the file and gives its numbers, or takes it out and gives none where the
+// runs do not show it.  One list a joint, as asked.  file->refresh() is the caller's.
+std::vector<std::vector<FitParameter>> fit_presliding(const std::vector<Run> &runs, const std::vector<int> &joints,
+                                                      double block_s, ArmFile *file);
 
 } // namespace hdt::fit
