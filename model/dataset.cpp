@@ -361,30 +361,44 @@ Mask standstill_mask(const Conditioned &c, Index j, const ConditionOptions &opti
     return m;
 }
 
+// Gravity torque of every joint, rows x joints; empty where no joint's soft mask is asked for.
+MatrixXd soft_gravity(const hdt_arm &arm, double margin_nm, const Conditioned &c)
+{
+    bool asked = false;
+    for (int j = 0; j < arm.joints; j++)
+        asked = asked || (c.present[static_cast<std::size_t>(j)] && arm.joint[j].has_stiffness);
+    if (!asked || margin_nm <= 0)
+        return {};
+    const hdt_arm mine = arm_for_run(arm, c);
+    MatrixXd out(c.q.rows(), c.q.cols());
+    for (Index i = 0; i < out.rows(); i++)
+        out.row(i) = rbd::gravity(mine, c.q.row(i)).transpose();
+    return out;
+}
+
 // Loads at which the declared soft wind-up falls, and a margin: there a small error of the load is a
 // large one of the torque.
-Mask soft_mask(const hdt_arm &arm, Index j, double margin_nm, const Conditioned &c)
+Mask soft_mask(const hdt_arm &arm, Index j, double margin_nm, const MatrixXd &gravity, const Conditioned &c)
 {
     Mask m(static_cast<std::size_t>(c.t_s.size()), 0);
     const hdt_arm_joint &aj = arm.joint[j];
     if (!aj.has_stiffness || margin_nm <= 0)
         return m;
-    const hdt_arm mine = arm_for_run(arm, c);
     for (Index i = 0; i < c.t_s.size(); i++) {
         const hdt_arm_stiffness &k = aj.stiffness[c.dir(i, j) < 0 ? 1 : 0];
-        const double load = rbd::gravity(mine, c.q.row(i))[j] + spring_nm(aj, c.q(i, j));
+        const double load = gravity(i, j) + spring_nm(aj, c.q(i, j));
         m[static_cast<std::size_t>(i)] = load > k.t1_nm - margin_nm && load < k.t2_nm + margin_nm;
     }
     return m;
 }
 
 void mask_joint(const hdt_arm &arm, const std::vector<Segment> &segs, Index j, const ConditionOptions &options,
-                Conditioned *c)
+                const MatrixXd &gravity, Conditioned *c)
 {
     const hdt_arm_joint &aj = arm.joint[j];
     Mask gap = gap_mask(c->t_s, segs, c->smooth_s[j]);
     Mask spike = spike_mask(c->tau.col(j), c->rate_hz);
-    Mask still = standstill_mask(*c, j, options), soft = soft_mask(arm, j, options.soft_margin_nm, *c);
+    Mask still = standstill_mask(*c, j, options), soft = soft_mask(arm, j, options.soft_margin_nm, gravity, *c);
     double limit = saturation_share * aj.tau_max_m_nm * aj.ratio;
     MaskCount &count = c->masked[static_cast<std::size_t>(j)];
     for (Index i = 0; i < c->t_s.size(); i++) {
@@ -466,13 +480,14 @@ Conditioned condition(const Run &run, const hdt_arm &arm, const ConditionOptions
     fill(run, arm, &c);
     std::vector<Segment> segs = segments(c.t_s, std::max(5 * dt, 0.02));
     differentiate(segs, dt, &c);
+    const MatrixXd gravity = soft_gravity(arm, options.soft_margin_nm, c);
     for (Index j = 0; j < arm.joints; j++) {
         if (!c.present[static_cast<std::size_t>(j)])
             continue;
         prefer_reference(run.joint[static_cast<std::size_t>(j)], segs, j, &c);
         c.v_min[j] = options.v_min_radps > 0 ? options.v_min_radps : std::max(v_min_floor_radps, 3 * c.v_noise[j]);
         direction(j, &c);
-        mask_joint(arm, segs, j, options, &c);
+        mask_joint(arm, segs, j, options, gravity, &c);
     }
     cut_blocks(options.block_s, &c);
     return c;
