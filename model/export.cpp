@@ -16,6 +16,7 @@
 
 #include "model/arm_file.hpp"
 #include "model/terms.hpp"
+#include "model/text.hpp"
 
 namespace hdt {
 
@@ -26,31 +27,9 @@ using Eigen::Vector3d;
 using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 using Attributes = std::vector<std::pair<const char *, std::string>>;
 
-std::string number(double value)
-{
-    char text[40];
-    std::snprintf(text, sizeof text, "%.17g", value == 0 ? 0 : value); // no -0
-    return text;
-}
-
 std::string numbers(const Vector3d &v)
 {
-    return number(v[0]) + " " + number(v[1]) + " " + number(v[2]);
-}
-
-std::string escaped(const std::string &text)
-{
-    std::string out;
-    for (char c : text)
-        switch (c) {
-        case '&': out += "&amp;"; break;
-        case '<': out += "&lt;"; break;
-        case '>': out += "&gt;"; break;
-        case '"': out += "&quot;"; break;
-        case '\'': out += "&apos;"; break;
-        default: out += c;
-        }
-    return out;
+    return number17(v[0]) + " " + number17(v[1]) + " " + number17(v[2]);
 }
 
 // Elements, indented, attributes escaped.
@@ -76,7 +55,7 @@ private:
     {
         std::string out = std::string("<") + tag;
         for (const auto &[key, value] : attributes)
-            out += std::string(" ") + key + "=\"" + escaped(value) + "\"";
+            out += std::string(" ") + key + "=\"" + markup_escaped(value) + "\"";
         return out;
     }
     void line(const std::string &content) { text_ += std::string(2 * tags_.size(), ' ') + content + "\n"; }
@@ -223,9 +202,9 @@ void urdf_inertial(Xml &x, const Body &b)
     const Matrix3d &i = b.inertia_kgm2;
     x.open("inertial");
     urdf_origin(x, b.com_m, Vector3d::Zero());
-    x.leaf("mass", {{"value", number(b.mass_kg)}});
-    x.leaf("inertia", {{"ixx", number(i(0, 0))}, {"ixy", number(i(0, 1))}, {"ixz", number(i(0, 2))},
-                       {"iyy", number(i(1, 1))}, {"iyz", number(i(1, 2))}, {"izz", number(i(2, 2))}});
+    x.leaf("mass", {{"value", number17(b.mass_kg)}});
+    x.leaf("inertia", {{"ixx", number17(i(0, 0))}, {"ixy", number17(i(0, 1))}, {"ixz", number17(i(0, 2))},
+                       {"iyy", number17(i(1, 1))}, {"iyz", number17(i(1, 2))}, {"izz", number17(i(2, 2))}});
     x.close();
 }
 
@@ -234,7 +213,7 @@ void urdf_cylinder(Xml &x, const Vector3d &centre, const Vector3d &angles, doubl
     x.open("visual");
     urdf_origin(x, centre, angles);
     x.open("geometry");
-    x.leaf("cylinder", {{"radius", number(radius_m)}, {"length", number(length_m)}});
+    x.leaf("cylinder", {{"radius", number17(radius_m)}, {"length", number17(length_m)}});
     x.close();
     x.close();
 }
@@ -274,8 +253,8 @@ void urdf_joint(Xml &x, const hdt_arm &arm, int joint)
     x.leaf("axis", {{"xyz", "0 0 1"}});
     if (effort_nm(j) == 0)
         x.comment("effort 0: the model file has no motor torque");
-    x.leaf("limit", {{"lower", number(j.q_min_rad)}, {"upper", number(j.q_max_rad)},
-                     {"effort", number(effort_nm(j))}, {"velocity", number(j.v_max_radps)}});
+    x.leaf("limit", {{"lower", number17(j.q_min_rad)}, {"upper", number17(j.q_max_rad)},
+                     {"effort", number17(effort_nm(j))}, {"velocity", number17(j.v_max_radps)}});
     x.close();
 }
 
@@ -333,7 +312,8 @@ Attributes mjcf_pose(const std::string &name, const double *origin_m, const doub
     const Eigen::Quaterniond q(mat3(rot));
     return {{"name", name},
             {"pos", numbers(vec3(origin_m))},
-            {"quat", number(q.w()) + " " + number(q.x()) + " " + number(q.y()) + " " + number(q.z())}};
+            {"quat",
+             number17(q.w()) + " " + number17(q.x()) + " " + number17(q.y()) + " " + number17(q.z())}};
 }
 
 void mjcf_inertial(Xml &x, const Body &b)
@@ -341,7 +321,7 @@ void mjcf_inertial(Xml &x, const Body &b)
     const Matrix3d &i = b.inertia_kgm2;
     const Vector3d across(i(0, 1), i(0, 2), i(1, 2));
     x.leaf("inertial", {{"pos", numbers(b.com_m)},
-                        {"mass", number(b.mass_kg)},
+                        {"mass", number17(b.mass_kg)},
                         {"fullinertia", numbers(i.diagonal()) + " " + numbers(across)}});
 }
 
@@ -351,21 +331,21 @@ void mjcf_stick(Xml &x, const hdt_arm &arm, int joint)
     const Vector3d end = link_end(arm, joint), half(0, 0, 2 * radius);
     if (joint >= 0)
         x.leaf("geom", {{"type", "cylinder"}, {"fromto", numbers(-half) + " " + numbers(half)},
-                        {"size", number(1.6 * radius)}, {"rgba", "0.25 0.35 0.5 1"}});
+                        {"size", number17(1.6 * radius)}, {"rgba", "0.25 0.35 0.5 1"}});
     if (end.norm() > radius)
         x.leaf("geom", {{"type", "capsule"}, {"fromto", numbers(Vector3d::Zero()) + " " + numbers(end)},
-                        {"size", number(radius)}});
+                        {"size", number17(radius)}});
 }
 
 void mjcf_joint(Xml &x, const hdt_arm_joint &j, const ExportOptions &options)
 {
     Attributes a = {{"name", j.name},
                     {"axis", "0 0 1"},
-                    {"range", number(j.q_min_rad) + " " + number(j.q_max_rad)}};
+                    {"range", number17(j.q_min_rad) + " " + number17(j.q_max_rad)}};
     if (effort_nm(j) > 0)
-        a.emplace_back("actuatorfrcrange", number(-effort_nm(j)) + " " + number(effort_nm(j)));
+        a.emplace_back("actuatorfrcrange", number17(-effort_nm(j)) + " " + number17(effort_nm(j)));
     if (options.armature)
-        a.emplace_back("armature", number(reflected_inertia_kgm2(j)));
+        a.emplace_back("armature", number17(reflected_inertia_kgm2(j)));
     x.leaf("joint", a);
 }
 
@@ -381,7 +361,7 @@ void mjcf_head(Xml &x, const hdt_arm &arm)
     x.close();
     std::string speeds;
     for (int j = 0; j < arm.joints; j++)
-        speeds += (j == 0 ? "" : " ") + number(arm.joint[j].v_max_radps);
+        speeds += (j == 0 ? "" : " ") + number17(arm.joint[j].v_max_radps);
     x.open("custom");
     x.comment("MJCF has no limit of speed: rad/s, output side, base first");
     x.leaf("numeric", {{"name", "speed_limit_radps"}, {"data", speeds}});
@@ -403,8 +383,8 @@ void mjcf_bodies(Xml &x, const hdt_arm &arm, const ExportOptions &options)
     x.leaf("site", {{"name", "flange"}});
     if (arm.payload_kg > 0) {
         x.open("body", {{"name", "payload"}, {"pos", numbers(vec3(arm.payload_com_m))}});
-        x.leaf("inertial", {{"pos", "0 0 0"}, {"mass", number(arm.payload_kg)}, {"diaginertia", "0 0 0"}});
-        x.leaf("geom", {{"type", "sphere"}, {"size", number(1.5 * stick_radius_m(arm))},
+        x.leaf("inertial", {{"pos", "0 0 0"}, {"mass", number17(arm.payload_kg)}, {"diaginertia", "0 0 0"}});
+        x.leaf("geom", {{"type", "sphere"}, {"size", number17(1.5 * stick_radius_m(arm))},
                         {"rgba", "0.8 0.5 0.2 1"}});
         x.close();
     }
@@ -424,7 +404,7 @@ std::string mjcf(const hdt_arm &arm, const ExportOptions &options)
         const hdt_arm_joint &joint = arm.joint[j];
         Attributes a = {{"name", joint.name}, {"joint", joint.name}};
         if (effort_nm(joint) > 0)
-            a.emplace_back("ctrlrange", number(-effort_nm(joint)) + " " + number(effort_nm(joint)));
+            a.emplace_back("ctrlrange", number17(-effort_nm(joint)) + " " + number17(effort_nm(joint)));
         x.leaf("motor", a);
     }
     x.close();

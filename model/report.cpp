@@ -23,6 +23,7 @@
 #include <unistd.h>
 
 #include "model/files.hpp"
+#include "model/text.hpp"
 
 extern char **environ;
 
@@ -71,24 +72,6 @@ figure svg { display: block; max-width: 100%; height: auto; }
   .wide { overflow: visible; }
 }
 )";
-
-std::string escape(const std::string &text)
-{
-    std::string out;
-    for (const char c : text) {
-        switch (c) {
-        case '&': out += "&amp;"; break;
-        case '<': out += "&lt;"; break;
-        case '>': out += "&gt;"; break;
-        case '"': out += "&quot;"; break;
-        case '\'': out += "&#39;"; break;
-        default:
-            // other control characters may not stand in HTML
-            out += static_cast<unsigned char>(c) < 0x20 && c != '\n' && c != '\t' ? ' ' : c;
-        }
-    }
-    return out;
-}
 
 // ---- thinning ----
 
@@ -469,8 +452,9 @@ std::string inline_svg(std::string svg, int figure, const Plot &p)
     replace_all(svg, " \n", "\n");
     replace_all(svg, "\n\n", "\n");
     const std::string w = std::to_string(p.width_px), h = std::to_string(p.height_px);
-    return "<svg role=\"img\" aria-label=\"" + escape(p.title) + "\" width=\"" + w + "\" height=\"" + h +
-           "\" viewBox=\"0 0 " + w + " " + h + "\">" + own_ids(svg, "f" + std::to_string(figure) + "-");
+    return "<svg role=\"img\" aria-label=\"" + markup_escaped(p.title) + "\" width=\"" + w +
+           "\" height=\"" + h + "\" viewBox=\"0 0 " + w + " " + h + "\">" +
+           own_ids(svg, "f" + std::to_string(figure) + "-");
 }
 
 // ---- tables ----
@@ -501,13 +485,14 @@ bool is_number(const std::string &cell)
 
 Report::Report(const std::string &title) : title_(title) {}
 
-void Report::heading(const std::string &text) { body_ += "<h2>" + escape(text) + "</h2>\n"; }
+void Report::heading(const std::string &text) { body_ += "<h2>" + markup_escaped(text) + "</h2>\n"; }
 
-void Report::paragraph(const std::string &text) { body_ += "<p>" + escape(text) + "</p>\n"; }
+void Report::paragraph(const std::string &text) { body_ += "<p>" + markup_escaped(text) + "</p>\n"; }
 
 void Report::verdict(const std::string &text, bool good)
 {
-    body_ += std::string("<p class=\"verdict ") + (good ? "good" : "bad") + "\">" + escape(text) + "</p>\n";
+    body_ += std::string("<p class=\"verdict ") + (good ? "good" : "bad") + "\">" + markup_escaped(text) +
+             "</p>\n";
 }
 
 void Report::table(const std::vector<std::vector<std::string>> &rows, const std::string &caption)
@@ -516,7 +501,7 @@ void Report::table(const std::vector<std::vector<std::string>> &rows, const std:
     for (const auto &row : rows)
         width = std::max(width, row.size());
     const auto cell = [&](std::size_t r, std::size_t c) { return c < rows[r].size() ? rows[r][c] : std::string(); };
-    body_ += "<div class=\"wide\"><table>\n<caption>" + escape(caption) + "</caption>\n";
+    body_ += "<div class=\"wide\"><table>\n<caption>" + markup_escaped(caption) + "</caption>\n";
     for (std::size_t r = 0; r < rows.size(); ++r) {
         const char *tag = r == 0 ? "th" : "td";
         body_ += r == 0 ? "<thead><tr>" : "<tr>";
@@ -525,7 +510,8 @@ void Report::table(const std::vector<std::vector<std::string>> &rows, const std:
             bool right = r > 0 && is_number(cell(r, c));
             for (std::size_t k = 1; r == 0 && k < rows.size(); ++k)
                 right = right || is_number(cell(k, c));
-            body_ += std::string("<") + tag + (right ? " class=\"n\">" : ">") + escape(cell(r, c)) + "</" + tag + ">";
+            body_ += std::string("<") + tag + (right ? " class=\"n\">" : ">") + markup_escaped(cell(r, c)) +
+                     "</" + tag + ">";
         }
         body_ += r == 0 ? "</tr></thead>\n<tbody>\n" : "</tr>\n";
     }
@@ -561,7 +547,7 @@ std::vector<int> Report::colors_of(const Plot &p)
 
 std::string Report::figure(const Plot &p)
 {
-    const std::string open = "<figure><figcaption>" + escape(p.title) + "</figcaption>";
+    const std::string open = "<figure><figcaption>" + markup_escaped(p.title) + "</figcaption>";
     std::vector<std::vector<Point>> data;
     for (const Series &s : p.series)
         data.push_back(points_of(p, s));
@@ -617,8 +603,9 @@ void Report::write(const std::string &path) const
 {
     write_file(path, "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
                      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>" +
-                     escape(title_) + "</title>\n<style>" + style_sheet + "</style>\n</head>\n<body>\n<h1>" +
-                     escape(title_) + "</h1>\n" + body_ + "</body>\n</html>\n");
+                     markup_escaped(title_) + "</title>\n<style>" + style_sheet +
+                     "</style>\n</head>\n<body>\n<h1>" +
+                     markup_escaped(title_) + "</h1>\n" + body_ + "</body>\n</html>\n");
 }
 
 std::string num(double x, int significant)

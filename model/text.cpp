@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Tables of numbers as text: whole files, lines, fields, numbers, and how bad bytes are shown.
+// Tables of numbers as text: whole files, lines, fields, numbers; how bad bytes are shown and markup
+// is escaped.
 //
-// Owns: what read_run and convert_run share about text.
+// Owns: what readers and writers of text share.
 // Never: knows a column's meaning.
 #include "model/text.hpp"
 
@@ -103,6 +104,28 @@ void append_number(std::string &out, double value)
     char digits[32];
     const auto result = std::to_chars(digits, digits + sizeof digits, value);
     out.append(digits, result.ptr);
+}
+
+std::string number17(double value)
+{
+    char digits[40];
+    std::snprintf(digits, sizeof digits, "%.17g", value == 0 ? 0 : value);
+    return digits;
+}
+
+std::string markup_escaped(std::string_view text)
+{
+    std::string out;
+    for (const char c : text)
+        switch (c) {
+        case '&': out += "&amp;"; break;
+        case '<': out += "&lt;"; break;
+        case '>': out += "&gt;"; break;
+        case '"': out += "&quot;"; break;
+        case '\'': out += "&apos;"; break;
+        default: out += static_cast<unsigned char>(c) < 0x20 && c != '\n' && c != '\t' ? ' ' : c;
+        }
+    return out;
 }
 
 std::string printable(std::string_view text)

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// Tables of numbers as text: whole files, lines, fields, numbers, and how bad bytes are shown.
+// Tables of numbers as text: whole files, lines, fields, numbers; how bad bytes are shown and markup
+// is escaped.
 //
-// Owns: what read_run and convert_run share about text.
+// Owns: what readers and writers of text share.
 // Never: knows a column's meaning.
 #pragma once
 
@@ -42,6 +43,12 @@ bool parse_number(std::string_view text, double &value);
 
 // Shortest text that reads back as the same double.
 void append_number(std::string &out, double value);
+
+// Seventeen digits, which read back as the same double; no -0.
+std::string number17(double value);
+
+// For text and quoted attributes of HTML and XML.  Control characters neither may hold become blanks.
+std::string markup_escaped(std::string_view text);
 
 // For messages: bytes that would disturb a line of ASCII as \xNN; shown also quotes and keeps the
 // first forty only.

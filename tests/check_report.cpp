@@ -83,7 +83,7 @@ struct Page {
 
 static std::string resolve(std::string s)
 {
-    static const char *const refs[][2] = {{"&lt;", "<"}, {"&gt;", ">"}, {"&quot;", "\""}, {"&#39;", "'"}, {"&amp;", "&"}};
+    static const char *const refs[][2] = {{"&lt;", "<"}, {"&gt;", ">"}, {"&quot;", "\""}, {"&apos;", "'"}, {"&amp;", "&"}};
     for (const auto &r : refs)
         for (std::size_t at = 0; (at = s.find(r[0], at)) != std::string::npos; ++at)
             s.replace(at, std::strlen(r[0]), r[1]);

@@ -14,6 +14,7 @@
 #include "ctrl/hdt.h"
 #include "model/arm_file.hpp"
 #include "model/files.hpp"
+#include "model/text.hpp"
 #include "sim/fmu.h"
 #include "sim/servo.h"
 #include "tools/hdt_rig.hpp"
@@ -21,27 +22,8 @@
 namespace {
 
 using hdt::InputError;
-
-std::string number(double value)
-{
-    char text[40];
-    std::snprintf(text, sizeof text, "%.17g", value);
-    return text;
-}
-
-std::string escaped(const std::string &text)
-{
-    std::string out;
-    for (char c : text)
-        switch (c) {
-        case '&': out += "&amp;"; break;
-        case '<': out += "&lt;"; break;
-        case '>': out += "&gt;"; break;
-        case '"': out += "&quot;"; break;
-        default: out += c;
-        }
-    return out;
-}
+using hdt::markup_escaped;
+using hdt::number17;
 
 std::string c_string(const std::string &text)
 {
@@ -107,7 +89,7 @@ std::string start_text(const fmu_arm &described, const fmu_kind &kind, int joint
     fmu_defaults(&described, &values);
     const void *at = fmu_at(&values, &kind, joint);
     switch (kind.type) {
-    case FMU_FLOAT64: return number(*static_cast<const double *>(at));
+    case FMU_FLOAT64: return number17(*static_cast<const double *>(at));
     case FMU_UINT16: return std::to_string(*static_cast<const uint16_t *>(at));
     case FMU_UINT64: return std::to_string(*static_cast<const uint64_t *>(at));
     case FMU_BOOLEAN: return *static_cast<const bool *>(at) ? "true" : "false";
@@ -124,9 +106,9 @@ std::string limits_text(const plant_model &plant, const fmu_kind &kind, int join
         kind.type == FMU_ENUMERATION) // its items are its limits
         return text;
     if (std::isfinite(min))
-        text += " min=\"" + number(min) + "\"";
+        text += " min=\"" + number17(min) + "\"";
     if (std::isfinite(max))
-        text += " max=\"" + number(max) + "\"";
+        text += " max=\"" + number17(max) + "\"";
     return text;
 }
 
@@ -138,7 +120,7 @@ std::string variable_xml(const hdt_arm &arm, const plant_model &plant, const fmu
     static const char *const variability[] = {"fixed", "discrete", "continuous"};
     const fmu_kind &kind = *fmu_row(row);
     std::string x = std::string("    <") + type[kind.type] + " name=\"" +
-    escaped(variable_name(arm, kind, joint)) +
+    markup_escaped(variable_name(arm, kind, joint)) +
                     "\" valueReference=\"" + std::to_string(fmu_reference(row, joint)) + "\" causality=\"" +
                     causality[kind.causality] + "\" variability=\"" + variability[kind.variability] + "\"";
     if (kind.type == FMU_ENUMERATION)
@@ -149,7 +131,7 @@ std::string variable_xml(const hdt_arm &arm, const plant_model &plant, const fmu
         x += " initial=\"calculated\"";
     else if (kind.causality != FMU_INDEPENDENT)
         x += " start=\"" + start_text(described, kind, joint) + "\"" + limits_text(plant, kind, joint);
-    return x + " description=\"" + escaped(kind.description) + "\"/>\n";
+    return x + " description=\"" + markup_escaped(kind.description) + "\"/>\n";
 }
 
 // One line for every variable `line` has something to say about.
@@ -176,13 +158,13 @@ std::string description_xml(const hdt_arm &arm, const plant_model &plant, const 
                             const std::string &identifier)
 {
     std::string x = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
-                    "<fmiModelDescription fmiVersion=\"3.0\" modelName=\"" + escaped(arm.name) +
+                    "<fmiModelDescription fmiVersion=\"3.0\" modelName=\"" + markup_escaped(arm.name) +
                     "\" instantiationToken=\"" + described.token + "\"\n  description=\"Harmonic-drive arm " +
-                    escaped(arm.name) + " with its servo driver\" version=\"" + version() +
+                    markup_escaped(arm.name) + " with its servo driver\" version=\"" + version() +
                     "\" generationTool=\"hdt " + version() + "\" variableNamingConvention=\"structured\">\n";
     x += "  <CoSimulation modelIdentifier=\"" + identifier +
          "\" canHandleVariableCommunicationStepSize=\"true\" canGetAndSetFMUState=\"true\" "
-         "canSerializeFMUState=\"true\"\n    fixedInternalStepSize=\"" + number(1.0 / SERVO_RATE_HZ) +
+         "canSerializeFMUState=\"true\"\n    fixedInternalStepSize=\"" + number17(1.0 / SERVO_RATE_HZ) +
          "\"/>\n";
     x += "  <UnitDefinitions>\n"
          "    <Unit name=\"s\"><BaseUnit s=\"1\"/></Unit>\n"
@@ -225,7 +207,7 @@ std::string list(const double *values, int n)
 {
     std::string x = "{ ";
     for (int i = 0; i < n; i++)
-        x += (i == 0 ? "" : ", ") + number(values[i]);
+        x += (i == 0 ? "" : ", ") + number17(values[i]);
     return x + " }";
 }
 
@@ -244,7 +226,7 @@ std::string arm_source(const fmu_arm &described, const plant_model &plant)
         x += (j == 0 ? "" : ", ") + c_string(described.joint[j]);
     x += " },\n    .flange_m = " + list(described.flange_m, 3) + ",\n    .flange_rot = " +
     list(described.flange_rot, 9) +
-         ",\n    .payload_kg = " + number(described.payload_kg) + ",\n    .payload_m = " +
+         ",\n    .payload_kg = " + number17(described.payload_kg) + ",\n    .payload_m = " +
          list(described.payload_m, 3) +
          ",\n};\n\nconst union fmu_plant fmu_the_plant = { .byte = {";
     unsigned char bytes[sizeof plant];
