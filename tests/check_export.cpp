@@ -23,7 +23,7 @@
 
 #include "model/arm_file.hpp"
 #include "model/rbd.hpp"
-#include "tests/check_main.h"
+#include "tests/random_arm.hpp"
 
 using hdt::ExportFormat;
 using hdt::ExportOptions;
@@ -296,33 +296,6 @@ static Chain read_chain(const std::string &text, ExportFormat format)
 }
 
 // ---- arms ----
-
-static Matrix3d random_rotation(uint64_t *seed)
-{
-    Eigen::Quaterniond r(test_uniform(seed, -1, 1), test_uniform(seed, -1, 1), test_uniform(seed, -1, 1),
-                         test_uniform(seed, -1, 1));
-    return r.normalized().toRotationMatrix();
-}
-
-static void store(const Matrix3d &m, double out[9])
-{
-    for (int r = 0; r < 3; ++r)
-        for (int c = 0; c < 3; ++c)
-            out[3 * r + c] = m(r, c);
-}
-
-static void fill(uint64_t *seed, double *p, int count, double size)
-{
-    for (int i = 0; i < count; ++i)
-        p[i] = test_uniform(seed, -size, size);
-}
-
-static VectorXd random_vector(uint64_t *seed, int n, double size)
-{
-    VectorXd v(n);
-    fill(seed, v.data(), n, size);
-    return v;
-}
 
 static void store(const Matrix3d &i, Vector3d moment, double mass_kg, hdt_arm_joint *k)
 {

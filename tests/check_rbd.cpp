@@ -12,37 +12,10 @@
 #include <cstring>
 #include <stdexcept>
 
-#include "tests/check_main.h"
+#include "tests/random_arm.hpp"
 #include "tests/table_four_arm.hpp"
 
 using namespace hdt::rbd;
-
-static Matrix3d random_rotation(uint64_t *seed)
-{
-    Eigen::Quaterniond r(test_uniform(seed, -1, 1), test_uniform(seed, -1, 1), test_uniform(seed, -1, 1),
-                         test_uniform(seed, -1, 1) + 1.5);
-    return r.normalized().toRotationMatrix();
-}
-
-static void store(const Matrix3d &m, double out[9])
-{
-    for (int r = 0; r < 3; ++r)
-        for (int c = 0; c < 3; ++c)
-            out[3 * r + c] = m(r, c);
-}
-
-static void fill(uint64_t *seed, double *p, int count, double size)
-{
-    for (int i = 0; i < count; ++i)
-        p[i] = test_uniform(seed, -size, size);
-}
-
-static VectorXd random_vector(uint64_t *seed, int n, double size)
-{
-    VectorXd v(n);
-    fill(seed, v.data(), n, size);
-    return v;
-}
 
 // Inertias need not be physical: the equations of motion are linear in them.
 static hdt_arm random_arm(uint64_t *seed, int joints)
