@@ -13,11 +13,11 @@
 #include <fstream>
 #include <functional>
 #include <sstream>
-#include <unistd.h>
 
 #include "model/rbd.hpp"
 #include "model/terms.hpp"
 #include "tests/check_main.h"
+#include "tests/scratch.hpp"
 
 using hdt::ArmFile;
 using hdt::InputError;
@@ -494,15 +494,10 @@ static void assert_same_numbers(const hdt_arm &a, const hdt_arm &b)
     ck_assert(std::memcmp(&left, &right, sizeof left) == 0);
 }
 
-static std::string temporary(const char *name)
-{
-    return std::string("/tmp/hdt_check_arm_") + std::to_string(getpid()) + "_" + name;
-}
-
 START_TEST(test_written_file_reads_back_bit_for_bit)
 {
     const char *paths[] = {pa10_path, paper_path};
-    const std::string path = temporary("round.toml");
+    const std::string path = scratch("round.toml");
     ArmFile first = ArmFile::load(paths[_i]);
     first.save(path);
     const ArmFile second = ArmFile::load(path);
@@ -662,7 +657,7 @@ START_TEST(test_save_leaves_no_part_of_a_file)
 {
     const ArmFile file = ArmFile::parse(small_arm, "t.toml");
     ck_assert(refused([&] { file.save("/no/such/directory/arm.toml"); }) != "");
-    const std::string directory = temporary("dir");
+    const std::string directory = scratch("dir");
     ck_assert_int_eq(system(("mkdir -p " + directory + "/taken/x").c_str()), 0);
     ck_assert(refused([&] { file.save(directory + "/taken"); }) != "");
     file.save(directory + "/good.toml");

@@ -6,6 +6,7 @@
 // Method: build/hdt in a directory of its own, virtual time only (but for one silent servo).
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <fstream>
 #include <sstream>
 #include <string>
@@ -20,6 +21,7 @@
 #include "model/arm_file.hpp"
 #include "model/log.hpp"
 #include "tests/check_main.h"
+#include "tests/scratch.hpp"
 
 namespace {
 
@@ -52,20 +54,15 @@ Result sh(const std::string &line)
 
 void set_up()
 {
-    char here[4096], name[] = "/tmp/hdt-cli-XXXXXX";
+    char here[4096];
     ck_assert_ptr_nonnull(getcwd(here, sizeof here));
     root = here;
     const char *build = std::getenv("BUILD");
     hdt = root + "/" + (build ? build : "build") + "/hdt";
-    ck_assert_ptr_nonnull(mkdtemp(name));
-    dir = name;
+    dir = scratch_dir();
 }
 
-void tear_down()
-{
-    std::string command = "rm -rf " + dir;
-    ck_assert_int_eq(std::system(command.c_str()), 0);
-}
+void tear_down() { std::filesystem::remove_all(dir); }
 
 // Bad input: exit code 3, one line (or a menu) on stderr that holds `text`, nothing left behind.
 void assert_refused(const std::string &line, const std::string &text, const std::string &product)

@@ -24,6 +24,7 @@
 #include "model/arm_file.hpp"
 #include "model/rbd.hpp"
 #include "tests/random_arm.hpp"
+#include "tests/scratch.hpp"
 
 using hdt::ExportFormat;
 using hdt::ExportOptions;
@@ -665,9 +666,7 @@ START_TEST(test_command_writes_what_the_library_says)
     const char *build = std::getenv("BUILD");
     if (access((std::string(build ? build : "build") + "/hdt").c_str(), X_OK) != 0)
         HDT_SKIP("no hdt in this build");
-    char name[] = "/tmp/hdt-export-XXXXXX";
-    ck_assert_ptr_nonnull(mkdtemp(name));
-    const std::string dir = name, err = dir + "/err", pa10 = "model/arms/pa10.toml", out = dir + "/arm";
+    const std::string dir = scratch_dir(), err = dir + "/err", pa10 = "model/arms/pa10.toml", out = dir + "/arm";
     const hdt_arm arm = hdt::ArmFile::load(pa10).arm();
     ExportOptions armature;
     armature.armature = true;

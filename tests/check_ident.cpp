@@ -12,12 +12,11 @@
 #include <string>
 #include <vector>
 
-#include <unistd.h>
-
 #include <nlohmann/json.hpp>
 
 #include "model/ident.hpp"
 
+#include "tests/scratch.hpp"
 #include "tests/check_main.h" // last: check.h defines a macro named fail
 
 using hdt::ArmFile;
@@ -642,8 +641,7 @@ START_TEST(test_written_files_are_complete_and_load)
 {
     Truth t;
     IdentResult r = hdt::identify(make_arm(t), make_runs(t, 97, 4), make_runs(t, 98, 1), {});
-    std::filesystem::path dir = std::filesystem::temp_directory_path() / ("hdt-ident-" + std::to_string(getpid()));
-    std::string out = (dir / "deeper").string();
+    std::string out = scratch("new/deeper");
     hdt::write_ident(r, out);
     ArmFile back = ArmFile::load(out + "/model.toml");
     ck_assert_double_eq(back.arm().joint[0].friction[0].f0_nm, r.model.arm().joint[0].friction[0].f0_nm);
@@ -662,7 +660,6 @@ START_TEST(test_written_files_are_complete_and_load)
     for (const auto &entry : std::filesystem::directory_iterator(out))
         files += entry.is_regular_file();
     ck_assert_uint_eq(files, 3); // nothing temporary left
-    std::filesystem::remove_all(dir);
     std::string err;
     try {
         hdt::write_ident(r, "/dev/null/x");

@@ -12,33 +12,14 @@
 #include <filesystem>
 #include <string>
 
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include "model/log.hpp"
 #include "tests/check_main.h"
+#include "tests/scratch.hpp"
 
 namespace {
 
 using hdt::InputError;
 using hdt::Run;
-
-std::string scratch_dir;
-
-// A file of this name in a directory of this test's own, removed when its process ends.
-std::string scratch(const std::string &name)
-{
-    if (scratch_dir.empty()) {
-        char pattern[] = "/tmp/hdt-import-XXXXXX";
-        ck_assert_ptr_nonnull(mkdtemp(pattern));
-        scratch_dir = pattern;
-        std::atexit([] {
-            std::error_code ignored;
-            std::filesystem::remove_all(scratch_dir, ignored);
-        });
-    }
-    return scratch_dir + "/" + name;
-}
 
 std::string put(const std::string &name, const std::string &bytes)
 {
@@ -142,7 +123,7 @@ START_TEST(test_files_of_one_value_a_line_are_put_in_rows)
     put("t.txt", "0\n1\n2\n");
     const std::string q = put("q.txt", "1\n2\n3\n4\n5\n6");
     put("tau.txt", "10 20\n30   40 \n 50 60\n");
-    for (const std::string &foreign : {scratch_dir, q}) {
+    for (const std::string &foreign : {scratch_dir(), q}) {
         const Run run = hdt::convert_run(map, foreign);
         ck_assert_uint_eq(run.rows(), 3);
         ck_assert_double_eq(run.joint[0].q_rad[2], 5);
@@ -151,13 +132,13 @@ START_TEST(test_files_of_one_value_a_line_are_put_in_rows)
         ck_assert_double_eq(run.joint[1].tau_nm[2], 60);
     }
     put("q.txt", "1\n2\n3\n4\n5\n");
-    assert_has(error_of(map, scratch_dir), "q.txt:5: expected 2 values for each row, found 1");
+    assert_has(error_of(map, scratch_dir()), "q.txt:5: expected 2 values for each row, found 1");
     put("q.txt", "1\n2\n3\n4\n");
-    assert_has(error_of(map, scratch_dir), "q.txt: expected 3 rows as in");
+    assert_has(error_of(map, scratch_dir()), "q.txt: expected 3 rows as in");
     put("q.txt", "1\n2\nx\n4\n5\n6\n");
-    assert_has(error_of(map, scratch_dir), "q.txt:4: column 1: expected a finite number, found 'x'");
+    assert_has(error_of(map, scratch_dir()), "q.txt:4: column 1: expected a finite number, found 'x'");
     std::remove(q.c_str());
-    assert_has(error_of(map, scratch_dir), "q.txt: cannot be read: No such file");
+    assert_has(error_of(map, scratch_dir()), "q.txt: cannot be read: No such file");
 }
 END_TEST
 
@@ -179,8 +160,8 @@ START_TEST(test_rows_a_map_leaves_out_may_be_bad_and_no_others)
                               "q1_rad = { file = \"a\", column = \"q\" }\ntau1_nm = { file = \"b\", column = \"i\" }\n";
     put("a.csv", "t,q\n0,1\n1,2\n2,3\n");
     put("b.csv", "i\n5\n6\n");
-    ck_assert_uint_eq(hdt::convert_run(put("s.toml", head + "shortest = true\n" + files), scratch_dir).rows(), 2);
-    assert_has(error_of(put("e.toml", head + files), scratch_dir), "b.csv: expected 3 rows as in");
+    ck_assert_uint_eq(hdt::convert_run(put("s.toml", head + "shortest = true\n" + files), scratch_dir()).rows(), 2);
+    assert_has(error_of(put("e.toml", head + files), scratch_dir()), "b.csv: expected 3 rows as in");
 }
 END_TEST
 

@@ -21,7 +21,7 @@ static char dir[64], csv[80], lcm[80], part[90];
 
 static void in_own_directory(void)
 {
-    strcpy(dir, "/tmp/hdt_log_XXXXXX");
+    strcpy(dir, P_tmpdir "/hdt_log_XXXXXX");
     ck_assert_ptr_nonnull(mkdtemp(dir));
     snprintf(csv, sizeof csv, "%s/run.csv", dir);
     snprintf(lcm, sizeof lcm, "%s/run.lcm", dir);

@@ -11,8 +11,6 @@
 #include <random>
 #include <stdexcept>
 
-#include <unistd.h>
-
 #include <nlohmann/json.hpp>
 
 #include "ctrl/hdt.h"
@@ -21,6 +19,7 @@
 #include "model/terms.hpp"
 #include "tools/hdt_paper_page.hpp"
 #include "tools/hdt_paper_results.hpp"
+#include "tests/scratch.hpp"
 #include "tests/check_main.h" // last: check.h defines words the C++ headers use
 
 using namespace hdt;
@@ -633,9 +632,7 @@ END_TEST
 // cheap parts through to the files: joint 3's closed loop builds on sweeps, so equations only
 START_TEST(test_page)
 {
-    char dir[] = "/tmp/hdt-paper-XXXXXX";
-    ck_assert_ptr_nonnull(mkdtemp(dir));
-    const std::string at = dir;
+    const std::string at = scratch_dir();
     Plan plan;
     plan.rig = rig_of(pa10());
     plan.parts = {PART_EQUATIONS};
@@ -648,9 +645,6 @@ START_TEST(test_page)
     ck_assert(!json.at("statements")[0].at("holds").get<bool>());
     ck_assert(json.find("friction") == json.end());
     ck_assert(page.good() && tables.good());
-    for (const char *name : {"/paper.json", "/report.html", "/tables.md"})
-        unlink((at + name).c_str());
-    rmdir(dir);
 }
 END_TEST
 

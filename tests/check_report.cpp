@@ -12,6 +12,7 @@
 #include <cstdio>
 #include <cstring>
 #include <dirent.h>
+#include <filesystem>
 #include <fstream>
 #include <limits>
 #include <map>
@@ -25,6 +26,7 @@
 
 #include "model/arm_file.hpp"
 #include "tests/check_main.h"
+#include "tests/scratch.hpp"
 
 using hdt::InputError;
 using hdt::Plot;
@@ -32,13 +34,12 @@ using hdt::Report;
 using hdt::Series;
 using hdt::num;
 
-static char work_dir[64];
+static std::string work_dir;
 
 static void make_work_dir(void)
 {
-    std::strcpy(work_dir, "/tmp/check-report-XXXXXX");
-    ck_assert_ptr_nonnull(mkdtemp(work_dir));
-    setenv("TMPDIR", work_dir, 1);
+    work_dir = scratch_dir();
+    setenv("TMPDIR", work_dir.c_str(), 1);
 }
 
 static std::vector<std::string> entries(const std::string &dir)
@@ -53,18 +54,13 @@ static std::vector<std::string> entries(const std::string &dir)
     return names;
 }
 
-static void remove_work_dir(void)
-{
-    for (const std::string &name : entries(work_dir))
-        unlink((std::string(work_dir) + "/" + name).c_str());
-    rmdir(work_dir);
-}
+static void remove_work_dir(void) { std::filesystem::remove_all(work_dir); }
 
 static bool have_gnuplot(void) { return std::system("gnuplot --version >/dev/null 2>&1") == 0; }
 
 static std::string text_of(const Report &r)
 {
-    const std::string path = std::string(work_dir) + "/report.html";
+    const std::string path = work_dir + "/report.html";
     r.write(path);
     std::ifstream in(path, std::ios::binary);
     std::stringstream s;
@@ -243,7 +239,7 @@ START_TEST(test_labels_cannot_leave_their_quotes)
 {
     if (!have_gnuplot())
         HDT_SKIP("gnuplot is not installed");
-    const std::string pwned = std::string(work_dir) + "/pwned";
+    const std::string pwned = work_dir + "/pwned";
     for (const std::string &attack : {"'; system('touch " + pwned + "') #", "x\nsystem('touch " + pwned + "')\n",
                                      "x'\nset output '" + pwned + "'\n", "EOD\nsystem('touch " + pwned + "')"}) {
         Report r("t");
@@ -550,7 +546,7 @@ END_TEST
 
 START_TEST(test_failing_gnuplot_is_quoted)
 {
-    const std::string fake = std::string(work_dir) + "/gnuplot";
+    const std::string fake = work_dir + "/gnuplot";
     const struct { const char *body, *say; } cases[] = {
         {"#!/bin/sh\necho 'line 3: undefined variable: x' >&2\nexit 1\n", "line 3: undefined variable: x"},
         {"#!/bin/sh\nexit 0\n", "no reason given"},
@@ -558,7 +554,7 @@ START_TEST(test_failing_gnuplot_is_quoted)
         {"#!/bin/sh\necho '<svg></svg>' > \"${2%script}plot.svg\"; exit 2\n", "no reason given"},
         {"#!/bin/sh\necho '<svg>' > \"${2%script}plot.svg\"\n", "no reason given"}, // cut short
     };
-    setenv("PATH", (std::string(work_dir) + ":/usr/bin:/bin").c_str(), 1);
+    setenv("PATH", (work_dir + ":/usr/bin:/bin").c_str(), 1);
     for (const auto &c : cases) {
         std::ofstream(fake) << c.body;
         chmod(fake.c_str(), 0700);
@@ -576,7 +572,7 @@ START_TEST(test_report_that_cannot_be_written_is_an_input_error)
 {
     bool refused = false;
     try {
-        Report("t").write(std::string(work_dir) + "/no/such/report.html");
+        Report("t").write(work_dir + "/no/such/report.html");
     } catch (const InputError &e) {
         refused = std::string(e.what()).find("/no/such/report.html") != std::string::npos;
     }

@@ -16,28 +16,12 @@
 
 #include "model/log.hpp"
 #include "tests/check_main.h"
+#include "tests/scratch.hpp"
 
 namespace {
 
 using hdt::InputError;
 using hdt::Run;
-
-std::string scratch_dir;
-
-// A file of this name in a directory of this test's own, removed when its process ends.
-std::string scratch(const char *name)
-{
-    if (scratch_dir.empty()) {
-        char pattern[] = "/tmp/hdt-runlog-XXXXXX";
-        ck_assert_ptr_nonnull(mkdtemp(pattern));
-        scratch_dir = pattern;
-        std::atexit([] {
-            std::error_code ignored;
-            std::filesystem::remove_all(scratch_dir, ignored);
-        });
-    }
-    return scratch_dir + "/" + name;
-}
 
 std::string put(const std::string &bytes, const char *name = "run.csv")
 {

@@ -18,12 +18,12 @@
 #include <vector>
 
 #include <dlfcn.h>
-#include <unistd.h>
 
 #include "ctrl/hdt.h"
 #include "model/arm_file.hpp"
 #include "model/terms.hpp"
 #include "tests/check_main.h"
+#include "tests/scratch.hpp"
 
 static hdt_arm load(const char *path)
 {
@@ -494,9 +494,7 @@ START_TEST(test_c_source_compiles_to_the_bytes_of_the_image)
         arm.joint[3].line[0] = {204799, -3, -0.1, 1};
     }
     const Made made = make(arm);
-    const std::string directory = "/tmp/hdt_check_tablegen_" + std::to_string(getpid());
-    ck_assert_int_eq(system(("mkdir -p " + directory).c_str()), 0);
-    const std::string source = directory + "/t.c", library = directory + "/t.so";
+    const std::string source = scratch("t.c"), library = scratch("t.so");
     std::ofstream(source) << hdt::tables_c_source(*made.tables, "it");
     const std::string compile =
         "cc -std=c99 -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror -I. -shared -fPIC -o "
@@ -516,7 +514,6 @@ START_TEST(test_c_source_compiles_to_the_bytes_of_the_image)
     ck_assert(std::memcmp(compiled, made.tables.get(), sizeof *read) == 0);
     ck_assert_int_eq(hdt_tables_check(compiled, nullptr, nullptr), HDT_TABLES_OK);
     dlclose(handle);
-    ck_assert_int_eq(system(("rm -r " + directory).c_str()), 0);
 }
 END_TEST
 
