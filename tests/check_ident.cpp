@@ -15,6 +15,7 @@
 #include <nlohmann/json.hpp>
 
 #include "model/ident.hpp"
+#include "model/ident_solve.hpp"
 
 #include "tests/scratch.hpp"
 #include "tests/check_main.h" // last: check.h defines a macro named fail
@@ -535,6 +536,30 @@ START_TEST(test_a_fall_the_loads_enter_but_do_not_leave_is_fitted_and_held_beyon
 }
 END_TEST
 
+// Too few blocks for three lines anywhere, and the knots at hand beyond them all: no step is better than
+// another, and the search ends where it began.
+START_TEST(test_a_search_for_knots_that_no_load_spans_ends)
+{
+    using namespace hdt::fit;
+    const Eigen::Index n = 3 * min_region_blocks - 1;
+    JointFitState j;
+    for (int way = 0; way < 2; way++) {
+        j.rows.share[way] = Eigen::VectorXd::Constant(n, way == 0 ? 1 : 0);
+        j.rows.speed[way] = Eigen::VectorXd::Constant(n, 0.1);
+    }
+    j.rows.load = Eigen::VectorXd::LinSpaced(n, 0.1, 11);
+    j.rows.y = j.rows.load.array().square();
+    j.rows.ripple = j.rows.shared = Eigen::MatrixXd(n, 0);
+    j.model.has_stiffness = j.model.free_stiffness[0] = j.model.free_f0[0] = true;
+    j.model.stiffness[0] = j.model.stiffness[1] = {{0, 1, 0}, 12, 20, 0};
+    Problem p;
+    p.joint = {j};
+    ck_assert(!search_knots(&p));
+    ck_assert_double_eq(p.joint[0].model.stiffness[0].t1_nm, 12);
+    ck_assert_double_eq(p.joint[0].model.stiffness[0].t2_nm, 20);
+}
+END_TEST
+
 START_TEST(test_stiffness_that_does_harm_is_taken_out_though_loads_stay_on_one_line)
 {
     Truth t;
@@ -690,6 +715,10 @@ static Suite *ident_suite(void)
     tcase_add_test(honest, test_stiffness_that_does_harm_is_taken_out_though_loads_stay_on_one_line);
     tcase_add_test(honest, test_friction_is_never_negative);
     suite_add_tcase(s, honest);
+    TCase *search = tcase_create("search");
+    tcase_set_timeout(search, 10);
+    tcase_add_test(search, test_a_search_for_knots_that_no_load_spans_ends);
+    suite_add_tcase(s, search);
     TCase *use = tcase_create("use");
     tcase_set_timeout(use, 120);
     tcase_add_test(use, test_spikes_do_not_move_the_fit);
