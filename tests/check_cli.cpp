@@ -132,18 +132,21 @@ START_TEST(test_simulated_log_gives_its_parameters_back)
             // loop's torque shows them only in part, and they come out too small
             if (truth.arm().joint[j].ripple[i].order_rev > 1000)
                 continue;
-            // a ripple fades while the soft wind-up is passed through, which joints with gravity load
-            // often do: less than the truth then, by up to a tenth
+            // a ripple fades while the soft wind-up is passed through, which the shoulder's and the
+            // elbow's loads often do: less than the truth then, by 7 and 10 %
             double want = truth.arm().joint[j].ripple[i].amplitude_nm, got = found.arm().joint[j].ripple[i].amplitude_nm;
-            double fades = j >= 1 && j <= 3 ? 0.1 : 0.03;
+            double fades = j == 1 || j == 3 ? 0.1 : 0.03;
             ck_assert_msg(got - want < 0.03 * want + 0.03 && want - got < fades * want + 0.03,
                           "joint %d ripple %d: %g, truth %g", j + 1, i, got, want);
         }
     // gravity: the load at joint 2 with the arm stretched out, as the masses give it
     ck_assert_double_eq_tol(found.arm().joint[1].mass_kg / truth.arm().joint[1].mass_kg, 1, 0.01);
     // nothing in the plant is a law of torque over load; the fall that comes out of its mesh and soft
-    // wave generator is found, its step and middle as mesh losses and soft torque make them
+    // wave generator is found, its step and middle as mesh losses and soft torque make them.  The
+    // shoulder's step is 1.6 % off and both middles are; the elbow's is 11 % short, as its loads end
+    // soon after the fall.
     for (int j : {1, 3}) {
+        const double step_share = j == 1 ? 0.025 : 0.12, middle_share = 0.025;
         const hdt_arm_joint &joint = found.arm().joint[j];
         const hdt_arm_mesh &mesh = truth.arm().joint[j].mesh;
         ck_assert_int_eq(joint.has_stiffness, 1);
@@ -151,8 +154,10 @@ START_TEST(test_simulated_log_gives_its_parameters_back)
             const hdt_arm_stiffness &k = joint.stiffness[d];
             double step = k.slope[1] * (k.t2_nm - k.t1_nm), middle = (k.t1_nm + k.t2_nm) / 2 * (d == 0 ? 1 : -1);
             double loss = (mesh.drive_nm + mesh.back_nm) / 2; // where the wave torque crosses zero
-            ck_assert_msg(std::fabs(step - (mesh.drive_nm - mesh.back_nm)) < 0.12 * step, "joint %d: step %g", j + 1, step);
-            ck_assert_msg(std::fabs(middle + loss) < 0.2 * loss, "joint %d: middle %g, loss %g", j + 1, middle, loss);
+            ck_assert_msg(std::fabs(step - (mesh.drive_nm - mesh.back_nm)) < step_share * step,
+                          "joint %d: step %g", j + 1, step);
+            ck_assert_msg(std::fabs(middle + loss) < middle_share * loss, "joint %d: middle %g, loss %g", j + 1,
+                          middle, loss);
         }
     }
 }
