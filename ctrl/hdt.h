@@ -64,7 +64,8 @@ struct hdt_in {
     uint64_t count_us;                      /* host time the counts were taken at, as well as it is known;
                                              * 0: t_us.  Velocity is counts over this time        */
     uint32_t mode;                          /* enum hdt_mode */
-    uint32_t active;                        /* bit per joint: driven; others get zero and their brake stays on */
+    uint32_t active;                        /* bit per joint: driven; others get zero and their brake
+                                             * stays on */
     uint32_t fresh;                         /* bit per joint: count is new since the last step */
     uint32_t servo_alarm;                   /* bit per joint: the servo reports an alarm */
     hdt_cnt_t count[HDT_JOINTS_MAX];        /* motor-side resolver */

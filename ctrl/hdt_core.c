@@ -84,7 +84,8 @@ static int32_t measure_velocity(hdt_t *h, const struct hdt_in *in, uint32_t j, u
     if (in->fresh & bit) {
         /* a late host makes a long difference; it must not look like a fast arm */
         const uint64_t gap_us = now_us - h->count_us[j];
-        if ((h->seen & bit) && now_us > h->count_us[j] && 2 * gap_us <= (uint64_t)period_us * (2 * HDT_VEL_GAP_MAX + 1)) {
+        if ((h->seen & bit) && now_us > h->count_us[j]
+            && 2 * gap_us <= (uint64_t)period_us * (2 * HDT_VEL_GAP_MAX + 1)) {
             const uint32_t shortest = period_us / 4u > 16u ? period_us / 4u : 16u;
             const uint32_t rate_q16 = hdt_vel_rate_q16(gap_us > shortest ? (uint32_t)gap_us : shortest);
             const int64_t per_count = hdt_vel_per_count_q32(t->joint[j].rad_per_count_q44, rate_q16);

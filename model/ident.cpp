@@ -39,7 +39,10 @@ constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 
 std::string joint_name(int joint) { return "joint " + std::to_string(joint + 1); }
 
-double rms(const VectorXd &x) { return x.size() > 0 ? std::sqrt(x.squaredNorm() / static_cast<double>(x.size())) : unknown; }
+double rms(const VectorXd &x)
+{
+    return x.size() > 0 ? std::sqrt(x.squaredNorm() / static_cast<double>(x.size())) : unknown;
+}
 
 bool excited(double value, double sigma, double prior)
 {
@@ -96,7 +99,8 @@ std::vector<char> wanted(const hdt_arm &arm, const std::vector<int> &joints)
     std::vector<char> out(static_cast<std::size_t>(arm.joints), joints.empty());
     for (int j : joints) {
         if (j < 1 || j > arm.joints)
-            throw InputError("joints: expected 1 to " + std::to_string(arm.joints) + ", found " + std::to_string(j));
+            throw InputError("joints: expected 1 to " + std::to_string(arm.joints) + ", found "
+                             + std::to_string(j));
         out[static_cast<std::size_t>(j - 1)] = 1;
     }
     return out;
@@ -110,8 +114,9 @@ Fit start(const hdt_arm &arm, std::vector<JointRows> rows, const std::vector<int
         if (!want[j])
             continue;
         if (rows[j].rows() < min_blocks) {
-            std::string what = joint_name(static_cast<int>(j)) + ": expected at least " + std::to_string(min_blocks)
-                               + " blocks in motion, found " + std::to_string(rows[j].rows());
+            std::string what = joint_name(static_cast<int>(j)) + ": expected at least "
+                               + std::to_string(min_blocks) + " blocks in motion, found "
+                               + std::to_string(rows[j].rows());
             if (!joints.empty())
                 throw InputError(what + ": log it moving, or leave it out of --joints");
             f.notes.push_back(what + "; not fitted");
@@ -257,7 +262,8 @@ bool judge_viscous(const JointModel &prior, JointFitState *j)
     bool told[2], changed = false;
     for (int way = 0; way < 2; way++) {
         double was = prior.friction[way].fv_nmspr;
-        told[way] = excited(m.friction[way].fv_nmspr, sigma_of(*j, FV, way, 0), was) && (m.one_fv || shows_slope(*j, way));
+        told[way] = excited(m.friction[way].fv_nmspr, sigma_of(*j, FV, way, 0), was)
+                    && (m.one_fv || shows_slope(*j, way));
     }
     bool none = prior.friction[0].fv_nmspr == 0 && prior.friction[1].fv_nmspr == 0;
     if (none && !m.one_fv && m.free_fv[0] && m.free_fv[1] && !(told[0] && told[1])) {
@@ -280,7 +286,8 @@ bool judge_friction(const JointModel &prior, JointFitState *j)
     JointModel &m = j->model;
     bool changed = false;
     for (int way = 0; way < 2; way++)
-        if (m.free_fs[way] && !excited(m.friction[way].fs_nm, sigma_of(*j, FS, way, 0), prior.friction[way].fs_nm)) {
+        if (m.free_fs[way]
+            && !excited(m.friction[way].fs_nm, sigma_of(*j, FS, way, 0), prior.friction[way].fs_nm)) {
             release_stribeck(prior, way, &m);
             changed = true;
         }
@@ -323,9 +330,10 @@ bool tells_stiffness(const JointModel &prior, const JointFitState &j, int way)
 {
     const JointModel &m = j.model;
     bool told = false;
-    for (int k = 0; k < 2; k++)
-        told = told || (!(k == 1 && m.cut_off[way])
-                        && excited(m.kink[way][k], sigma_of(j, k == 0 ? KINK_1 : KINK_2, way, 0), prior.kink[way][k]));
+    for (int k = 0; k < 2; k++) {
+        double sigma = sigma_of(j, k == 0 ? KINK_1 : KINK_2, way, 0);
+        told = told || (!(k == 1 && m.cut_off[way]) && excited(m.kink[way][k], sigma, prior.kink[way][k]));
+    }
     return told && shows_fall(j, way);
 }
 
@@ -463,7 +471,8 @@ bool place_lines(bool cut_off, JointFitState *j)
         for (Index i = 0; i < j->rows.rows(); i++)
             if (j->rows.share[way][i] > 0.5)
                 furthest = std::max(furthest, side * j->rows.load[i]);
-        double inner = side * furthest / (cut_off ? 2 : 3), outer = side * furthest * (cut_off ? 1.0 : 2.0 / 3);
+        double inner = side * furthest / (cut_off ? 2 : 3);
+        double outer = side * furthest * (cut_off ? 1.0 : 2.0 / 3);
         k.t1_nm = std::min(inner, outer);
         k.t2_nm = std::max(inner, outer);
         m.free_stiffness[way] = true;
@@ -481,7 +490,8 @@ bool find_stiffness(const hdt_arm &arm, Fit *f)
     bool any = false;
     for (std::size_t k = 0; k < f->problem.joint.size(); k++) {
         const JointModel &now = f->problem.joint[k].model;
-        bool one_side = now.stiffness[0].t1_nm * now.stiffness[0].t2_nm > 0 && now.stiffness[1].t1_nm * now.stiffness[1].t2_nm > 0;
+        bool one_side = now.stiffness[0].t1_nm * now.stiffness[0].t2_nm > 0
+                        && now.stiffness[1].t1_nm * now.stiffness[1].t2_nm > 0;
         if (!now.has_stiffness || now.free_stiffness[0] || now.free_stiffness[1] || !one_side)
             continue;
         double least = log_rms(f->problem) - std::log(worth_rms);
@@ -537,7 +547,8 @@ void own_scale(const Problem &p, std::size_t k, JointFit *out)
 void take(const VectorXd &x, std::vector<double> *to) { to->assign(x.data(), x.data() + x.size()); }
 
 // Errors and pictures: the arm as it was and as it is now on the same rows.
-void compare(const std::vector<JointRows> &before, const std::vector<JointRows> &after, bool held_out, JointFit *out)
+void compare(const std::vector<JointRows> &before, const std::vector<JointRows> &after, bool held_out,
+             JointFit *out)
 {
     const JointRows &b = before[static_cast<std::size_t>(out->joint - 1)];
     const JointRows &a = after[static_cast<std::size_t>(out->joint - 1)];
@@ -576,8 +587,8 @@ void scale_notes(const Problem &p, const std::vector<JointFit> &joints, std::vec
     for (const JointFit &j : joints)
         if (std::isfinite(j.gravity_scale)
             && std::fabs(j.gravity_scale - p.beta[0]) > clear_sigmas * j.gravity_scale_sigma + 0.02)
-            notes->push_back(joint_name(j.joint - 1) + ": its own gravity scale is " + std::to_string(j.gravity_scale)
-                             + ", the chain's " + std::to_string(p.beta[0])
+            notes->push_back(joint_name(j.joint - 1) + ": its own gravity scale is "
+                             + std::to_string(j.gravity_scale) + ", the chain's " + std::to_string(p.beta[0])
                              + ": one scale for all masses does not describe this arm");
 }
 
@@ -587,7 +598,8 @@ void cut_off_notes(const Problem &p, std::vector<std::string> *notes)
         for (int way = 0; way < 2; way++) {
             const hdt_arm_stiffness &k = j.model.stiffness[way];
             if (j.model.cut_off[way])
-                notes->push_back(joint_name(j.rows.joint) + ": the loads end inside the soft wind-up's fall, at "
+                notes->push_back(joint_name(j.rows.joint)
+                                 + ": the loads end inside the soft wind-up's fall, at "
                                  + std::to_string(k.t1_nm > 0 ? k.t2_nm : k.t1_nm) + " N m moving "
                                  + (way == 0 ? "up" : "down") + "; beyond that the torque is held");
         }
@@ -611,8 +623,9 @@ void check_arm(const hdt_arm &arm)
         return;
     for (int j = 0; j < arm.joints; j++)
         if (arm.joint[j].has_stiffness || arm.joint[j].load_mu != 0)
-            throw InputError(std::string(arm.path) + ": joint." + std::to_string(j + 1) + ": expected link masses, "
-                             "which stiffness lines and load_friction need, found none: give them or remove the term");
+            throw InputError(std::string(arm.path) + ": joint." + std::to_string(j + 1)
+                             + ": expected link masses, which stiffness lines and load_friction need, found "
+                               "none: give them or remove the term");
 }
 
 } // namespace
@@ -628,7 +641,8 @@ IdentResult identify(const ArmFile &file, const std::vector<Run> &fit_runs, cons
     how.block_s = options.block_s;
     how.reversal_guard_s = options.reversal_guard_s;
     how.reversal_travel_rad = options.reversal_travel_rad;
-    std::vector<Conditioned> fit_data = condition_all(fit_runs, arm, how), test_data = condition_all(test_runs, arm, how);
+    std::vector<Conditioned> fit_data = condition_all(fit_runs, arm, how);
+    std::vector<Conditioned> test_data = condition_all(test_runs, arm, how);
     std::vector<JointRows> rows = make_rows(arm, fit_data, true);
     std::vector<JointRows> before = rows;
     Fit f = start(arm, std::move(rows), options.joints);
@@ -640,7 +654,8 @@ IdentResult identify(const ArmFile &file, const std::vector<Run> &fit_runs, cons
         out.chain = write_base(f.problem, &out.model);
     else {
         bool scaled = !f.problem.shared_free.empty();
-        out.chain.push_back({"gravity_scale", "1", f.problem.beta[0], scaled ? f.problem.beta_sigma[0] : unknown, scaled});
+        double sigma = scaled ? f.problem.beta_sigma[0] : unknown;
+        out.chain.push_back({"gravity_scale", "1", f.problem.beta[0], sigma, scaled});
         if (scaled)
             write_scale(f.problem, &out.model);
     }

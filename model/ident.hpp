@@ -6,9 +6,10 @@
 // Never: names a missing effect (diagnose.hpp does).
 //
 // Fitted per joint: two-sided Stribeck friction, the ripple lines and stiffness lines the file
-// declares, the build-up of friction after a reversal.  Fitted for the chain: one gravity scale when the file has masses (it goes into all
-// masses and first moments alike), else rigid-body base parameters, written as first_moment and
-// inertia_origin with zero mass.  Everything else in the file is taken as it stands.
+// declares, the build-up of friction after a reversal.  Fitted for the chain: one gravity scale when
+// the file has masses (it goes into all masses and first moments alike), else rigid-body base
+// parameters, written as first_moment and inertia_origin with zero mass.  Everything else in the file
+// is taken as it stands.
 #pragma once
 
 #include <string>

@@ -26,9 +26,13 @@ namespace {
 constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 const char *const source_id = "IDENT";
 const char *const way_name[2] = {"positive", "negative"};
-const char *const inertial_unit[10] = {"kg", "kg m", "kg m", "kg m", "kg m^2", "kg m^2", "kg m^2", "kg m^2", "kg m^2", "kg m^2"};
+const char *const inertial_unit[10] = {"kg",     "kg m",   "kg m",   "kg m",   "kg m^2",
+                                       "kg m^2", "kg m^2", "kg m^2", "kg m^2", "kg m^2"};
 
-std::string joint_key(int joint, const std::string &rest) { return "joint." + std::to_string(joint + 1) + "." + rest; }
+std::string joint_key(int joint, const std::string &rest)
+{
+    return "joint." + std::to_string(joint + 1) + "." + rest;
+}
 
 double file_sigma(const ArmFile &file, const std::string &key)
 {
@@ -39,8 +43,8 @@ double file_sigma(const ArmFile &file, const std::string &key)
 }
 
 // One number: written when fitted or when the file has none yet, else left as it stands.
-void write_number(const std::string &key, const char *unit, double value, double sigma, bool fitted, ArmFile *file,
-                  std::vector<FitParameter> *list)
+void write_number(const std::string &key, const char *unit, double value, double sigma, bool fitted,
+                  ArmFile *file, std::vector<FitParameter> *list)
 {
     if (fitted || !file->has(key))
         file->set(key, quantity({value}, unit, {fitted ? sigma : unknown}, "output"));
@@ -48,8 +52,8 @@ void write_number(const std::string &key, const char *unit, double value, double
 }
 
 // Coulomb friction below zero one way is a constant torque beside it: the same curve, told apart.
-void split_offset(const JointFitState &j, hdt_arm_friction f[2], ArmFile *file, std::vector<FitParameter> *list,
-                  std::vector<std::string> *notes)
+void split_offset(const JointFitState &j, hdt_arm_friction f[2], ArmFile *file,
+                  std::vector<FitParameter> *list, std::vector<std::string> *notes)
 {
     if (f[0].f0_nm >= 0 && f[1].f0_nm >= 0)
         return;
@@ -63,13 +67,14 @@ void split_offset(const JointFitState &j, hdt_arm_friction f[2], ArmFile *file, 
         offset += file->get(key).value[0];
         file->set(key, quantity({offset}, "N m", {sigma}, "output"));
     } else {
-        file->append(array, {{"id", "torque_offset"}}, {{"torque", quantity({offset}, "N m", {sigma}, "output")}});
+        file->append(array, {{"id", "torque_offset"}},
+                     {{"torque", quantity({offset}, "N m", {sigma}, "output")}});
         key = array + "." + std::to_string(file->count(array)) + ".torque";
     }
     list->push_back({key, "N m", offset, sigma, true});
-    notes->push_back("joint " + std::to_string(joint + 1) + ": Coulomb friction came out negative one way; the two "
-                     "directions were made equal and the difference written as a torque offset, which sliding "
-                     "data cannot tell from it");
+    notes->push_back("joint " + std::to_string(joint + 1)
+                     + ": Coulomb friction came out negative one way; the two directions were made equal and "
+                       "the difference written as a torque offset, which sliding data cannot tell from it");
 }
 
 void write_valid(const JointFitState &j, bool all_fitted, ArmFile *file)
@@ -116,9 +121,11 @@ void write_friction(const JointFitState &j, ArmFile *file, std::vector<FitParame
         }
         all = all && m.free_fv[way] && m.free_fs[way];
         write_number(at + "f0", "N m", f[way].f0_nm, sigma_of(j, F0, way, 0), m.free_f0[way], file, list);
-        write_number(at + "fv", "N m s/rad", f[way].fv_nmspr, sigma_of(j, FV, way, 0), m.free_fv[way], file, list);
+        write_number(at + "fv", "N m s/rad", f[way].fv_nmspr, sigma_of(j, FV, way, 0), m.free_fv[way], file,
+                     list);
         write_number(at + "fs", "N m", f[way].fs_nm, sigma_of(j, FS, way, 0), m.free_fs[way], file, list);
-        write_number(at + "vc", "rad/s", f[way].vc_radps, sigma_of(j, VC, way, 0), m.free_fs[way], file, list);
+        write_number(at + "vc", "rad/s", f[way].vc_radps, sigma_of(j, VC, way, 0), m.free_fs[way], file,
+                     list);
     }
     if (any)
         write_valid(j, all, file);
@@ -135,12 +142,13 @@ void write_ripple(const JointFitState &j, ArmFile *file, std::vector<FitParamete
         double sigma_a = a > 0 ? std::hypot(s * sigma_s, c * sigma_c) / a : std::hypot(sigma_s, sigma_c);
         double sigma_p = a > 0 ? std::hypot(c * sigma_s, s * sigma_c) / (a * a) : M_PI;
         // a kept line keeps its own phase, turns and all
-        double phase = fitted || !file->has(at + "phase") ? std::atan2(c, s) : file->get(at + "phase").value[0];
+        double phase =
+            fitted || !file->has(at + "phase") ? std::atan2(c, s) : file->get(at + "phase").value[0];
         write_number(at + "amplitude", "N m", a, sigma_a, fitted, file, list);
         if (fitted)
             file->set(at + "phase", quantity({phase}, "rad", {std::min(sigma_p, M_PI)}, ""));
-        list->push_back({at + "phase", "rad", phase, fitted ? std::min(sigma_p, M_PI) : file_sigma(*file, at + "phase"),
-                         fitted});
+        list->push_back({at + "phase", "rad", phase,
+                         fitted ? std::min(sigma_p, M_PI) : file_sigma(*file, at + "phase"), fitted});
     }
 }
 
@@ -163,7 +171,8 @@ void write_stiffness(const JointFitState &j, ArmFile *file, std::vector<FitParam
         int home = home_line(k);
         const double sigma[3][3] = {{0, s1, both}, {s1, 0, s2}, {both, s1, 0}};
         const double *mine = sigma[home];
-        double near = sigma_of(j, KNOT_1, way, 0), far = j.model.cut_off[way] ? unknown : sigma_of(j, KNOT_2, way, 0);
+        double near = sigma_of(j, KNOT_1, way, 0);
+        double far = j.model.cut_off[way] ? unknown : sigma_of(j, KNOT_2, way, 0);
         if (home == 2)
             std::swap(near, far);
         if (fitted || j.model.free_stiffness[1 - way]) { // else the mirror image of the other
@@ -308,7 +317,8 @@ std::vector<int> base_candidates(const hdt_arm &arm)
 
 Eigen::VectorXd base_sizes(const hdt_arm &arm, const Problem &p)
 {
-    double torque = 0, reach = 0, g = std::hypot(arm.gravity_mps2[0], arm.gravity_mps2[1], arm.gravity_mps2[2]);
+    double torque = 0, reach = 0;
+    double g = std::hypot(arm.gravity_mps2[0], arm.gravity_mps2[1], arm.gravity_mps2[2]);
     for (const JointFitState &j : p.joint)
         torque = std::max(torque, j.rows.y.cwiseAbs().maxCoeff());
     for (int j = 0; j < arm.joints; j++)
@@ -321,6 +331,9 @@ Eigen::VectorXd base_sizes(const hdt_arm &arm, const Problem &p)
     return size;
 }
 
-int rotor_column(const hdt_arm &arm, int column) { return column < 10 * arm.joints ? -1 : column - 10 * arm.joints; }
+int rotor_column(const hdt_arm &arm, int column)
+{
+    return column < 10 * arm.joints ? -1 : column - 10 * arm.joints;
+}
 
 } // namespace hdt::fit

@@ -117,8 +117,9 @@ std::vector<FitParameter> fit_joint(const std::vector<Sums> &each, int number, A
 
 } // namespace
 
-std::vector<std::vector<FitParameter>> fit_presliding(const std::vector<Run> &runs, const std::vector<int> &joints,
-                                                      double block_s, ArmFile *file)
+std::vector<std::vector<FitParameter>> fit_presliding(const std::vector<Run> &runs,
+                                                      const std::vector<int> &joints, double block_s,
+                                                      ArmFile *file)
 {
     hdt_arm arm = file->arm();
     for (int number : joints)

@@ -31,7 +31,8 @@ BlockState block_state(const Conditioned &c)
     Index blocks = static_cast<Index>(c.block_begin.size()) - 1, joints = c.q.cols();
     BlockState s{MatrixXd(blocks, joints), MatrixXd(blocks, joints), MatrixXd(blocks, joints)};
     for (Index b = 0; b < blocks; b++) {
-        Index lo = c.block_begin[static_cast<std::size_t>(b)], n = c.block_begin[static_cast<std::size_t>(b + 1)] - lo;
+        Index lo = c.block_begin[static_cast<std::size_t>(b)];
+        Index n = c.block_begin[static_cast<std::size_t>(b + 1)] - lo;
         s.q.row(b) = c.q.middleRows(lo, n).colwise().mean();
         s.v.row(b) = c.v.middleRows(lo, n).colwise().mean();
         s.a.row(b) = c.a.middleRows(lo, n).colwise().mean();
@@ -123,7 +124,8 @@ void direction_rows(const Conditioned &c, int j, JointRows *r)
         VectorXd share = c.block_mean(j, moving);
         VectorXd speed = c.block_mean(j, moving.cwiseProduct(c.v.col(j).cwiseAbs()));
         append(&r->share[way], share);
-        append(&r->speed[way], (share.array() > 0).select(speed.array() / share.array().max(1e-12), 0).matrix());
+        append(&r->speed[way],
+               (share.array() > 0).select(speed.array() / share.array().max(1e-12), 0).matrix());
     }
 }
 
@@ -132,12 +134,13 @@ void direction_rows(const Conditioned &c, int j, JointRows *r)
 void mark(Index rows, Index begin, std::size_t runs, JointRows *r)
 {
     r->run_begin.push_back(begin);
-    Index pieces = std::max<Index>(1, (pieces_wanted + static_cast<Index>(runs) - 1) / static_cast<Index>(runs));
+    Index many = static_cast<Index>(runs), pieces = std::max<Index>(1, (pieces_wanted + many - 1) / many);
     for (Index p = 0; p < pieces; p++)
         r->piece_begin.push_back(begin + rows * p / pieces);
 }
 
-void add_run(const hdt_arm &arm, const Conditioned &c, std::size_t runs, bool with_columns, std::vector<JointRows> *out)
+void add_run(const hdt_arm &arm, const Conditioned &c, std::size_t runs, bool with_columns,
+             std::vector<JointRows> *out)
 {
     hdt_arm mine = arm_for_run(arm, c);
     std::vector<MatrixXd> terms = declared_terms(arm, c), chain;
@@ -185,7 +188,8 @@ bool masses_known(const hdt_arm &arm)
 
 Index shared_columns(const hdt_arm &arm) { return masses_known(arm) ? 1 : 11 * arm.joints; }
 
-std::vector<Conditioned> condition_all(const std::vector<Run> &runs, const hdt_arm &arm, const ConditionOptions &options)
+std::vector<Conditioned> condition_all(const std::vector<Run> &runs, const hdt_arm &arm,
+                                       const ConditionOptions &options)
 {
     std::vector<std::future<Conditioned>> work;
     for (const Run &run : runs)

@@ -285,7 +285,8 @@ VectorXd jackknife(const Problem &p, const Grams &g)
         all += m;
     Eigen::SelfAdjointEigenSolver<MatrixXd> eig(all);
     // W' all W = I
-    VectorXd root = eig.eigenvalues().cwiseMax(1e-13 * eig.eigenvalues().maxCoeff()).cwiseSqrt().cwiseInverse();
+    const VectorXd &square = eig.eigenvalues();
+    VectorXd root = square.cwiseMax(1e-13 * square.maxCoeff()).cwiseSqrt().cwiseInverse();
     MatrixXd w = eig.eigenvectors() * root.asDiagonal();
     VectorXd var = VectorXd::Zero(n);
     for (Index c = 0; c < clusters; c++) {

@@ -30,7 +30,11 @@ ordered_json number(double x) { return std::isfinite(x) ? ordered_json(x) : orde
 
 ordered_json parameter_json(const FitParameter &p)
 {
-    return {{"key", p.key}, {"unit", p.unit}, {"value", number(p.value)}, {"sigma", number(p.sigma)}, {"excited", p.excited}};
+    return {{"key", p.key},
+            {"unit", p.unit},
+            {"value", number(p.value)},
+            {"sigma", number(p.sigma)},
+            {"excited", p.excited}};
 }
 
 ordered_json to_json(const IdentResult &r)
@@ -39,10 +43,12 @@ ordered_json to_json(const IdentResult &r)
     out["joints"] = ordered_json::array();
     for (const JointFit &j : r.joints) {
         ordered_json o = {{"joint", j.joint}, {"blocks", j.rows}, {"rows_masked", j.masked},
-                          {"rms_before_nm", number(j.rms_before_nm)}, {"rms_after_nm", number(j.rms_after_nm)},
+                          {"rms_before_nm", number(j.rms_before_nm)},
+                          {"rms_after_nm", number(j.rms_after_nm)},
                           {"held_out_before_nm", number(j.held_out_before_nm)},
                           {"held_out_after_nm", number(j.held_out_after_nm)},
-                          {"gravity_scale", {{"value", number(j.gravity_scale)}, {"sigma", number(j.gravity_scale_sigma)}}}};
+                          {"gravity_scale",
+                           {{"value", number(j.gravity_scale)}, {"sigma", number(j.gravity_scale_sigma)}}}};
         o["parameters"] = ordered_json::array();
         for (const FitParameter &p : j.parameters)
             o["parameters"].push_back(parameter_json(p));
@@ -59,7 +65,8 @@ std::string cell(double x) { return std::isfinite(x) ? num(x) : "-"; }
 
 bool has_test(const IdentResult &r)
 {
-    return std::any_of(r.joints.begin(), r.joints.end(), [](const JointFit &j) { return std::isfinite(j.held_out_after_nm); });
+    return std::any_of(r.joints.begin(), r.joints.end(),
+                       [](const JointFit &j) { return std::isfinite(j.held_out_after_nm); });
 }
 
 void verdict(const IdentResult &r, Report *report)
@@ -67,7 +74,8 @@ void verdict(const IdentResult &r, Report *report)
     bool test = has_test(r);
     int better = 0, judged = 0;
     for (const JointFit &j : r.joints) {
-        double before = test ? j.held_out_before_nm : j.rms_before_nm, after = test ? j.held_out_after_nm : j.rms_after_nm;
+        double before = test ? j.held_out_before_nm : j.rms_before_nm;
+        double after = test ? j.held_out_after_nm : j.rms_after_nm;
         if (!std::isfinite(after))
             continue;
         judged++;
@@ -75,21 +83,23 @@ void verdict(const IdentResult &r, Report *report)
     }
     std::string where = test ? "on the test runs" : "on the fit runs; no test runs were given";
     bool good = judged > 0 && better == judged;
-    report->verdict(std::to_string(better) + " of " + std::to_string(judged) + " joints predict torque better than before, "
-                    + where + ".", good);
+    report->verdict(std::to_string(better) + " of " + std::to_string(judged)
+                        + " joints predict torque better than before, " + where + ".",
+                    good);
 }
 
 void before_after(const IdentResult &r, Report *report)
 {
     report->heading("Torque error before and after");
-    std::vector<std::vector<std::string>> rows = {{"joint", "blocks", "rows masked", "fit before", "fit after",
-                                                   "held out before", "held out after", "own gravity scale", "sigma"}};
+    std::vector<std::vector<std::string>> rows = {
+        {"joint", "blocks", "rows masked", "fit before", "fit after", "held out before", "held out after",
+         "own gravity scale", "sigma"}};
     for (const JointFit &j : r.joints)
-        rows.push_back({std::to_string(j.joint), std::to_string(j.rows), std::to_string(j.masked), cell(j.rms_before_nm),
-                        cell(j.rms_after_nm), cell(j.held_out_before_nm), cell(j.held_out_after_nm),
-                        cell(j.gravity_scale), cell(j.gravity_scale_sigma)});
-    report->table(rows, "Root mean square of block means, N m at the output. Rows are masked at standstill, near "
-                        "reversals, at spikes, in saturation and beside gaps.");
+        rows.push_back({std::to_string(j.joint), std::to_string(j.rows), std::to_string(j.masked),
+                        cell(j.rms_before_nm), cell(j.rms_after_nm), cell(j.held_out_before_nm),
+                        cell(j.held_out_after_nm), cell(j.gravity_scale), cell(j.gravity_scale_sigma)});
+    report->table(rows, "Root mean square of block means, N m at the output. Rows are masked at standstill, "
+                        "near reversals, at spikes, in saturation and beside gaps.");
     for (const std::string &note : r.notes)
         report->paragraph(note + ".");
 }
@@ -142,7 +152,8 @@ Series curve(const hdt_arm_joint &joint, const JointFit &j)
     return s;
 }
 
-Series thinned(const std::string &title, const std::vector<double> &x, const std::vector<double> &y, Series::Style style)
+Series thinned(const std::string &title, const std::vector<double> &x, const std::vector<double> &y,
+               Series::Style style)
 {
     Series s;
     s.title = title;
@@ -191,7 +202,8 @@ void parameters(const std::vector<FitParameter> &list, const std::string &captio
         return;
     std::vector<std::vector<std::string>> rows = {{"key", "value", "sigma", "unit", "from"}};
     for (const FitParameter &p : list)
-        rows.push_back({p.key, cell(p.value), cell(p.sigma), p.unit, p.excited ? "fit" : "kept: not excited"});
+        rows.push_back(
+            {p.key, cell(p.value), cell(p.sigma), p.unit, p.excited ? "fit" : "kept: not excited"});
     report->table(rows, caption);
 }
 
@@ -210,8 +222,10 @@ void write_ident(const IdentResult &r, const std::string &dir)
     for (const JointFit &j : r.joints) {
         report.heading("Joint " + std::to_string(j.joint) + " " + r.model.arm().joint[j.joint - 1].name);
         pictures(r, j, &report);
-        parameters(j.parameters, "Joint " + std::to_string(j.joint) + ", output side unless the key says motor; sigma by "
-                                 "leaving out runs or stretches of time", &report);
+        parameters(j.parameters,
+                   "Joint " + std::to_string(j.joint) + ", output side unless the key says motor; sigma by "
+                   "leaving out runs or stretches of time",
+                   &report);
     }
     r.model.save(dir + "/model.toml");
     write_file(dir + "/ident.json", to_json(r).dump(2) + "\n");

@@ -101,15 +101,18 @@ struct plant_joint {
     double fx_torque_gain;            /* (1 + this) times                                          */
     double fx_gain_warm;              /* and this share more once warm (fx_warm_s)                  */
     double fx_current_offset_m_nm;    /* less this: offset of the current sensor                    */
-    double fx_dead_m_nm, fx_dead_width_m_nm; /* less this near zero current, against its sign, fading over the width */
+    double fx_dead_m_nm, fx_dead_width_m_nm; /* less this near zero current, against its sign, fading
+                                         over the width */
     double fx_knee_m_nm, fx_knee_share; /* beyond the knee this share is missing (saturation)        */
-    double fx_current_ripple, fx_current_order_rev; /* torque times (1 + this sin(order th)): phases unequal */
+    double fx_current_ripple, fx_current_order_rev; /* torque times (1 + this sin(order th)): phases
+                                         unequal */
     /* friction of the rotor */
     double fx_load_mu;                /* grows by this times |gear torque|                          */
     double fx_drive_mu;               /* the same, only while the motor drives the load              */
     double fx_quadratic_nms2prad2;    /* times v |v|; may be negative                               */
     double fx_slow_nm, fx_slow_radps; /* excess at low speed, falling as exp(-|v| / slow)            */
-    double fx_cold_coulomb, fx_cold_viscous, fx_warm_s; /* excess when cold, relative to f0 and fv; thermal time */
+    double fx_cold_coulomb, fx_cold_viscous, fx_warm_s; /* excess when cold, relative to f0 and fv;
+                                         thermal time */
     double fx_presliding_nm, fx_presliding_rad; /* friction missing right after a reversal (twice the
                                          elastic, Dahl, part) and the travel constant of its return */
     double fx_dwell_nm, fx_dwell_rad; /* more per decade of seconds stood still, until moved this far */
@@ -134,7 +137,8 @@ struct plant_change { uint32_t field; double add, from_s, to_s; };
 struct plant_model {
     int joints;
     double gravity_mps2[3];              /* in the base frame: any mounting */
-    double payload_kg, payload_com_m[3]; /* hidden payload, in the last link's frame (flange offset included) */
+    double payload_kg, payload_com_m[3]; /* hidden payload, in the last link's frame (flange offset
+                                            included) */
     enum plant_integrator integrator;
     double step_s;                    /* inner step, 0: chosen by plant_model_check                */
     struct plant_change change[PLANT_CHANGES_MAX]; int changes;
@@ -156,7 +160,8 @@ struct plant_state {
     uint64_t rng;
     /* outputs of this state */
     double gear_nm[PLANT_JOINTS_MAX];       /* torque on the link through the gear, output side */
-    double wave_nm[PLANT_JOINTS_MAX];       /* torque of rotor on mesh, output side; gear_nm if there is no mesh */
+    double wave_nm[PLANT_JOINTS_MAX];       /* torque of rotor on mesh, output side; gear_nm if there is
+                                               no mesh */
     double friction_nm[PLANT_JOINTS_MAX];   /* motor-side friction or brake torque over the last inner
                                                step, referred to the output, against motion positive
                                                when motion is positive */

@@ -48,7 +48,8 @@ struct servo_cfg {
     double watchdog_s;                     /* 0: 0.4 in A [RobWork PA10Driver], 0.01 in B [mhipa10arc] */
     double rated_m_nm[PLANT_JOINTS_MAX];   /* Format B: torque words are of this / 4096; 0: tau_max_m_nm */
     uint16_t poles;                        /* as table word 28 says; 0: 8, see servo.c */
-    double kp_m_nmspr[PLANT_JOINTS_MAX];   /* velocity loop, motor torque per output rad/s; 0: tuned from the model */
+    double kp_m_nmspr[PLANT_JOINTS_MAX];   /* velocity loop, motor torque per output rad/s; 0: tuned from
+                                              the model */
     double ki_m_nmprad[PLANT_JOINTS_MAX];  /* the same per output rad; 0: tuned from the model */
     double v_trip_radps;                   /* over-velocity alarm, output side; 0: off */
 };
@@ -79,7 +80,8 @@ struct servo {
     struct servo_cfg cfg;                  /* as given, gains filled in */
     struct servo_state s;
     struct plant_state plant;
-    int32_t zero_cnt[PLANT_JOINTS_MAX];    /* resolver count at q = 0; 0 after servo_init, then as set, or by 'M' */
+    int32_t zero_cnt[PLANT_JOINTS_MAX];    /* resolver count at q = 0; 0 after servo_init, then as set,
+                                              or by 'M' */
 };
 
 /* In STOP with brakes on, the arm at rest at q_rad.  The model must have passed plant_model_check,
