@@ -36,6 +36,7 @@ constexpr double kSeparates = 0.3;         // of the noise floor, rms over a run
 constexpr int kEventPasses = 3;            // the last only fits
 constexpr double kPiece_s = 20;
 constexpr double kReversalGuard_s = 0.03;  // velocity estimate and gear wind-up settle within this
+constexpr double kReversalTravel_rad = 0.002; // lost motion and wind-up of a reversal: no term describes it to the end
 constexpr const char *kChainIds[] = {"payload", "base_tilt"};
 
 using Works = std::vector<std::unique_ptr<JointWork>>;
@@ -70,6 +71,7 @@ RunBlocks read_blocks(const hdt_arm &arm, const std::vector<Run> &runs, bool to_
     ConditionOptions co;
     co.block_s = options.block_s;
     co.reversal_guard_s = kReversalGuard_s;
+    co.reversal_travel_rad = kReversalTravel_rad;
     co.soft_margin_nm = fall_margin_nm;
     RunBlocks out;
     for (const Run &r : runs)

@@ -25,7 +25,7 @@ constexpr double kBinMin_s = 0.25, kMargin_s = 0.5;
 constexpr double kPlain_nats = 5;
 constexpr double kAbove = 4;         // times what the middle run's best stretch shows
 constexpr double kSure_nats = 8;     // beyond the logarithm of how many stretches were looked at
-constexpr double kShare = 3;         // of what a run leaves, the middle one of all: smaller is no event
+constexpr double kShare = 2;         // of what a run leaves, the middle one of all: smaller is no event
 constexpr double kMeanRows = 10;     // a stretch of fewer blocks is a spike
 
 constexpr int kShapes = 3;
@@ -121,7 +121,13 @@ std::vector<double> excess(const std::vector<Sums> &runs)
     return out;
 }
 
-struct Best { double llr = 0, theta = 0; int kind = 0; Index begin = 0, end = 0; double mean_square = 0; };
+struct Best {
+    double llr = 0, theta = 0;
+    int kind = 0;
+    Index begin = 0, end = 0;           // bins
+    double mean_square = 0;
+    double from_s = 0, to_s = 0;
+};
 
 // The stretch of one shape that explains most of one run's residual.
 Best best_stretch(const Sums &s, const std::vector<double> &calm, int kind)
@@ -191,12 +197,63 @@ void odd_runs(const JointWork &w, const std::vector<VectorXd> &residual, double 
         }
 }
 
+// What one run leaves, and under which noise.
+struct Left { const Evidence *evidence; std::size_t run; const VectorXd *residual; const BlockRows *rows; };
+
+// The best of several stretches of one shape.
+void take_best(const Left &left, const std::vector<std::pair<double, double>> &stretches, double calm, Best *best)
+{
+    const BlockRows &b = *left.rows;
+    const VectorXd x = shape(b, best->kind);
+    MatrixXd m = MatrixXd::Zero(b.size(), static_cast<Index>(stretches.size()));
+    for (Index k = 0; k < m.cols(); ++k)
+        for (Index t = 0; t < b.size(); ++t)
+            if (b.t_s[t] >= stretches[static_cast<std::size_t>(k)].first && b.t_s[t] < stretches[static_cast<std::size_t>(k)].second)
+                m(t, k) = x[t];
+    MatrixXd a;
+    VectorXd s;
+    left.evidence->products(left.run, m, *left.residual, &a, &s);
+    for (Index k = 0; k < m.cols(); ++k) {
+        const double rows = static_cast<double>((m.col(k).array() != 0).count());
+        const double llr = a(k, k) > 1e-9 ? 0.5 * s[k] * s[k] / a(k, k) / calm : 0;
+        if (rows < kMeanRows || llr <= best->llr)
+            continue;
+        best->llr = llr;
+        best->theta = s[k] / a(k, k);
+        best->mean_square = m.col(k).squaredNorm() / rows;
+        best->from_s = stretches[static_cast<std::size_t>(k)].first;
+        best->to_s = stretches[static_cast<std::size_t>(k)].second;
+    }
+}
+
+// Begin and end to a part of a bin.  Coloured noise has next to no jumps, so that an edge in the wrong
+// place weighs more against a stretch than all its middle speaks for it.
+void refine(const Left &left, double width_s, double calm, Best *best)
+{
+    constexpr int parts = 10;
+    for (int round = 0; round < 2; ++round)
+        for (bool begin : {true, false}) {
+            std::vector<std::pair<double, double>> tried;
+            for (int k = -parts; k <= parts; ++k) {
+                const double shift = width_s * k / parts;
+                tried.emplace_back(best->from_s + (begin ? shift : 0), best->to_s + (begin ? 0 : shift));
+            }
+            take_best(left, tried, calm, best);
+        }
+}
+
 // The best stretch of a run, of any shape.
-Best best_of(const std::vector<Sums> *sums, std::size_t run, const std::vector<double> &calm)
+Best best_of(const std::vector<Sums> *sums, const Left &left, const std::vector<double> &calm)
 {
     Best best;
+    const Bins bins = bins_of(*left.rows);
     for (int kind = 0; kind < kShapes; ++kind) {
-        const Best k = best_stretch(sums[kind][run], calm, kind);
+        Best k = best_stretch(sums[kind][left.run], calm, kind);
+        if (!(k.llr > 0))
+            continue;
+        k.from_s = bins.first_s + bins.width_s * static_cast<double>(k.begin);
+        k.to_s = bins.first_s + bins.width_s * static_cast<double>(k.end);
+        refine(left, bins.width_s, calm[static_cast<std::size_t>(k.end - k.begin)], &k);
         // a short stretch may look alike in all three: the plainest first
         if (k.llr > best.llr + (kind > 0 ? kPlain_nats : 0))
             best = k;
@@ -219,14 +276,13 @@ std::optional<Event> event_from(const JointWork &w, std::size_t run, const Best 
     e.log_likelihood = best.llr - least_nats;
     if (e.log_likelihood < kSure_nats || std::abs(e.torque_nm) < least_nm)
         return {};
-    const Bins bins = bins_of(b);
     e.joint = w.joint + 1;
     e.run = b.run;
     e.run_index = run;
     e.kind = kKinds[best.kind];
     e.angle_rad = best.kind == 2 ? best.theta : 0;
-    e.from_s = bins.first_s + bins.width_s * static_cast<double>(best.begin);
-    e.to_s = std::min(b.t_s[b.size() - 1], bins.first_s + bins.width_s * static_cast<double>(best.end));
+    e.from_s = std::max(b.t_s[0], best.from_s);
+    e.to_s = std::min(b.t_s[b.size() - 1], best.to_s);
     return e;
 }
 
@@ -261,7 +317,7 @@ std::vector<Event> find_events(const JointWork &w, const Found &axis)
     std::vector<Best> best;
     std::vector<double> nats;
     for (std::size_t r = 0; r < residual.size(); ++r) {
-        best.push_back(best_of(sums, r, calm));
+        best.push_back(w.fit[r].size() < kRowsLeast ? Best{} : best_of(sums, {&w.evidence(), r, &residual[r], &w.fit[r]}, calm));
         nats.push_back(best.back().llr);
     }
     // a model that fits nowhere quite has something like an event in every run

@@ -548,10 +548,26 @@ double split_log_e(const std::vector<const Gram *> &g, const std::vector<RunSet>
     return log_mean_exp(log_e, static_cast<double>(std::max<std::size_t>(splits.size(), 1)));
 }
 
+namespace {
+
+// What the nuisances take of the candidate's columns, one number for all runs.
+MatrixXd taken_over(const Gram &g)
+{
+    MatrixXd sum = MatrixXd::Zero(g.nuisances + g.columns + 1, g.nuisances + g.columns + 1);
+    for (const MatrixXd &m : g.plain)
+        sum += m;
+    return ridged(sum.topLeftCorner(g.nuisances, g.nuisances)).llt().solve(sum.block(0, g.nuisances, g.nuisances, g.columns));
+}
+
+} // namespace
+
 std::vector<RunGain> leave_one_run_out(const std::vector<const Gram *> &g)
 {
     const std::size_t runs = g[0]->weighted.size();
     std::vector<RunGain> out(g.size());
+    std::vector<MatrixXd> beside;
+    for (const Gram *joint : g)
+        beside.push_back(taken_over(*joint));
     for (std::size_t r = 0; r < runs; ++r) {
         RunSet use(runs, 1);
         use[r] = 0;
@@ -576,15 +592,15 @@ std::vector<RunGain> leave_one_run_out(const std::vector<const Gram *> &g)
             without[n - 1] = 1;
             with << -fac.solve(w.col(n - 1).head(nn) - w.block(0, nn, nn, k) * theta), -theta, 1;
             const auto fall = [&](const MatrixXd &m) { return without.dot(m * without) - with.dot(m * with); };
-            RunSet only(runs, 0);
-            only[r] = 1;
-            const Projected here = project(c, only);
+            VectorXd effect = VectorXd::Zero(n);
+            effect << -(beside[j] * theta), theta, 0;
+            const double rows = static_cast<double>(c.rows[r]);
             out[j].log_likelihood.push_back(0.5 * fall(c.weighted[r]));
             out[j].plain.push_back(fall(c.plain[r]));
-            out[j].contribution.push_back(theta.dot(here.plain_a * theta) / std::max(here.rows, 1.0));
+            out[j].contribution.push_back(effect.dot(c.plain[r] * effect) / std::max(rows, 1.0));
             out[j].total += out[j].log_likelihood.back();
             out[j].plain_total += out[j].plain.back();
-            out[j].rows += here.rows;
+            out[j].rows += rows;
         }
     }
     for (RunGain &o : out) {
