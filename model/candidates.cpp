@@ -460,12 +460,14 @@ void JointWork::assess(const Gates &gates)
     floor_nm = std::sqrt(std::max(1e-12, base * base - most / std::max(rows_total, 1.0)));
     gate_nm = std::max(min_rms_nm_, gates.floor_share * floor_nm);
     remnant_nm = gates.remnant_share * found_rms_nm();
+    // what is worth a name takes as much off a run left out as an effect of that size would
+    const double worth_nm2 = gate_nm * gate_nm;
     for (Score &s : scores)
         s.passes = s.excited && s.plausible && s.p_adjusted <= gates.alpha
                    && s.rms_nm >= gate_nm * (families[s.family].adoptable() ? 1 : gates.loose_share)
                    && s.rms_nm >= remnant_nm
                    && s.gain.better >= gates.min_runs && 3 * s.gain.better >= 2 * s.gain.informative
-                   && s.gain.plain_total > 0;
+                   && s.gain.plain_total >= (families[s.family].twin ? 0 : worth_nm2 * s.gain.rows);
     stale = false;
 }
 

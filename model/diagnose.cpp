@@ -30,7 +30,8 @@ constexpr int kEffectsMax = 4;
 constexpr std::size_t kRunsMin = 4;
 constexpr Index kFriction = 4;             // columns of nuisance_columns
 constexpr Index kRowsMin = 400;            // per joint over all fit runs
-constexpr double kWorse = 1.5;             // held-out mean square may grow by this: few runs scatter
+constexpr double kWorse = 1.1;             // held-out error may grow by this where likelihood gains: few runs scatter
+constexpr double kWorseThanRefit = 1.5;    // its square, against friction fitted again
 constexpr double kUnnamedFall = 0.03;      // what no effect explains must be worth a table
 constexpr double kSeparates = 0.3;         // of the noise floor, rms over a run
 constexpr int kEventPasses = 3;            // the last only fits
@@ -354,17 +355,25 @@ void widen_by_place(const JointWork &w, JointEstimate *e)
     }
 }
 
-// Effects whose numbers are not three sigma from nothing are taken out again.
+// How many sigma an effect's numbers are from nothing, squared and per number.
+double wald(const JointEstimate &e, std::size_t k)
+{
+    return e.theta[k].dot(e.covariance[k].ldlt().solve(e.theta[k])) / static_cast<double>(e.theta[k].size());
+}
+
+// Effects whose numbers are not three sigma from nothing, or not two where parts of the travel are left
+// out, are taken out again.
 bool prune(JointWork &w)
 {
     VectorXd unused;
     const JointEstimate e = estimate(w, {}, &unused);
+    JointEstimate wide = e;
+    widen_by_place(w, &wide);
     bool any = false;
     for (std::size_t k = w.found.size(); k-- > 0;) {
         if (w.found[k].chain_theta || w.found[k].family.own_phase)
             continue;
-        const double wald = e.theta[k].dot(e.covariance[k].ldlt().solve(e.theta[k]));
-        if (wald >= 9 * static_cast<double>(e.theta[k].size()))
+        if (wald(e, k) >= 9 && wald(wide, k) >= 4)
             continue;
         w.found.erase(w.found.begin() + static_cast<std::ptrdiff_t>(k));
         w.stale = any = true;
@@ -373,7 +382,7 @@ bool prune(JointWork &w)
 }
 
 // Residuals on held-out rows, all runs one after the other.
-struct HeldOut { VectorXd before, refit, after; std::vector<VectorXd> refit_by_run, after_by_run; };
+struct HeldOut { VectorXd before, refit, after; std::vector<VectorXd> before_by_run, refit_by_run, after_by_run; };
 
 VectorXd joined(const std::vector<VectorXd> &parts)
 {
@@ -411,7 +420,7 @@ HeldOut held_out(const JointWork &w, const JointEstimate &e, const Found &axis, 
             r -= axis.columns(b) * axis_theta;
         after.push_back(std::move(r));
     }
-    return {joined(before), joined(again), joined(after), again, after};
+    return {joined(before), joined(again), joined(after), before, again, after};
 }
 
 VectorXd axis_signal(const std::string &id, const std::string &axis, const BlockRows &b, std::string *label)
@@ -680,17 +689,18 @@ std::string judge(const JointWork &w, const JointEstimate &e, std::size_t runs, 
     d->verdict = unnamed ? "unnamed" : "named";
     const double fall = 1 - rms(h.after) / std::max(rms(h.before), 1e-12);
     // a run's own Coulomb scatter must not decide: judged by likelihood, with a limit in N.m
-    const double gain = w.held_out_log_likelihood(h.after_by_run) - w.held_out_log_likelihood(h.refit_by_run);
-    const double *scatter = w.evidence().noise().variance;
-    const double least = std::min(rms(h.before), rms(h.refit));
-    const double limit = std::sqrt(kWorse * least * least + 2 * (scatter[RG_COULOMB] + scatter[RG_OFFSET]));
+    const double gain = w.held_out_log_likelihood(h.after_by_run)
+                        - std::max(w.held_out_log_likelihood(h.refit_by_run), w.held_out_log_likelihood(h.before_by_run));
     if (only_hum(w) && !unnamed) {
         if (hum_held_out(w, e.theta[0], h))
             return "";
         d->verdict = "suspect";
         return "the held-out runs do not show that frequency";
     }
-    if (!(gain > 0) || rms(h.after) > limit) {
+    const double *scatter = w.evidence().noise().variance;
+    const double limit = std::sqrt(kWorseThanRefit * h.refit.squaredNorm() / static_cast<double>(h.refit.size())
+                                   + 2 * (scatter[RG_COULOMB] + scatter[RG_OFFSET]));
+    if (!(gain > 0) || rms(h.after) > std::min(limit, kWorse * rms(h.before))) {
         d->verdict = "suspect";
         return text("it does not help on the held-out runs (%.3g N.m as given, %.3g with friction fitted again, "
                     "%.3g with it)", rms(h.before), rms(h.refit), rms(h.after));

@@ -28,6 +28,8 @@ constexpr double kHealthyRise_s = 0.25; // ripple rising by this share of Coulom
 constexpr double kLateStep_s = 0.01;
 constexpr Index kLateSteps = 4;
 constexpr std::size_t kPlaces = 3;      // of a search, weighed in full
+// beyond these it is something else: a loss that eats the load, a gain no sensor is off by, a slipped joint
+constexpr double kLossMost = 0.5, kGainMost = 0.5, kAngleMost_rad = 0.2;
 constexpr double kTwoPi = 6.283185307179586;
 
 // Columns of the chain at each block's mean state, all joints at once.
@@ -231,6 +233,21 @@ MatrixXd two(const VectorXd &a, const VectorXd &b)
     return m;
 }
 
+// How the declared torque changes with the angle that is read: gravity, springs, and every line of ripple.
+Signal slope_of(const hdt_arm_joint &joint)
+{
+    std::vector<hdt_arm_line> lines(joint.ripple, joint.ripple + joint.ripples);
+    lines.insert(lines.end(), joint.line, joint.line + joint.lines);
+    return [lines, spring = joint.spring_nmprad](const BlockRows &b) -> VectorXd {
+        VectorXd out = b.dgdq.array() + spring;
+        for (const hdt_arm_line &l : lines) {
+            const MatrixXd x = line_columns(b.scan(), l.order_rev, l.directed);
+            out += l.amplitude_nm * l.order_rev * (std::cos(l.phase_rad) * x.col(1) - std::sin(l.phase_rad) * x.col(0));
+        }
+        return out;
+    };
+}
+
 // Candidates of the load: payload, masses, tilt, offset, gain, springs.
 void add_load_families(std::vector<Family> *out, const hdt_arm &arm, int joint, const std::vector<std::string> &poses,
                        const std::vector<BlockRows> &runs)
@@ -253,17 +270,21 @@ void add_load_families(std::vector<Family> *out, const hdt_arm &arm, int joint, 
         return b.dir.cwiseProduct(b.gravity.cwiseAbs());
     });
     const double declared_mu = arm.joint[joint].load_mu;
-    out->back().plausible = [declared_mu](const VectorXd &th) { return declared_mu + th[0] > 0; };
-    add(out, "torque_gain", {"torque"}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.total; });
+    out->back().plausible = [declared_mu](const VectorXd &th) { return declared_mu + th[0] > 0 && th[0] < kLossMost; };
+    add(out, "torque_gain", {"torque"}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.total; }, false,
+        [](const VectorXd &th) { return std::abs(th[0]) < kGainMost; });
     add(out, "cable_spring", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.q; });
-    add(out, "joint_offset", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.dgdq; });
+    const Signal slope = slope_of(arm.joint[joint]);
+    add(out, "joint_offset", {q}, {{}}, [slope](const BlockRows &b, Point) -> MatrixXd { return slope(b); }, false,
+        [](const VectorXd &th) { return std::abs(th[0]) < kAngleMost_rad; });
     add(out, "link_mass", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.own; });
     add(out, "base_tilt", poses, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.tilt; });
     out->back().chain = true;
     // the resolver reads ahead by a sine of the angle: torque of another angle
-    add(out, "eccentricity", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd {
-        return two(b.dgdq.cwiseProduct(b.q.array().sin().matrix()), b.dgdq.cwiseProduct(b.q.array().cos().matrix()));
-    });
+    add(out, "eccentricity", {q}, {{}}, [slope](const BlockRows &b, Point) -> MatrixXd {
+        const VectorXd by = slope(b);
+        return two(by.cwiseProduct(b.q.array().sin().matrix()), by.cwiseProduct(b.q.array().cos().matrix()));
+    }, false, [](const VectorXd &th) { return th.norm() < kAngleMost_rad; });
     std::vector<double> size;
     for (const BlockRows &b : runs)
         for (Index t = 0; t < b.size(); ++t)
@@ -294,7 +315,7 @@ void add_load_families(std::vector<Family> *out, const hdt_arm &arm, int joint, 
     // the load drives the joint: friction shrinks only then
     add(out, "drive_efficiency", {"load", "direction"}, {{}}, [](const BlockRows &b, Point) -> MatrixXd {
         return b.dir.cwiseProduct(b.dir.cwiseProduct(b.gravity).cwiseMax(0.0));
-    });
+    }, false, [](const VectorXd &th) { return std::abs(th[0]) < kLossMost; });
 }
 
 // Candidates of friction and motion.
