@@ -17,7 +17,7 @@ using Eigen::VectorXd;
 namespace {
 
 constexpr int kArOrder = 8; // fewer cannot hold both the slow part and the white share
-constexpr double kWander_s = 10;
+constexpr double kWander_s = 2; // about a move: what the model gets wrong lasts as long
 constexpr std::size_t kSplits = 16, kPeaks = 5, kPlainPeaks = 3;
 constexpr double kHighestOrder = 600;
 constexpr double kLoose = 5;
@@ -64,7 +64,7 @@ bool is_excited(const Gram &g, const Projected &p)
 
 JointWork::JointWork(const hdt_arm &arm, int j, std::vector<BlockRows> fit_rows, std::vector<BlockRows> test_rows)
     : joint(j), fit(std::move(fit_rows)), test(std::move(test_rows)), arm_joint_(arm.joint[j]),
-      min_rms_nm_(0.002 * arm.joint[j].ratio) // two digits of motor torque
+      min_rms_nm_(0.001 * arm.joint[j].ratio) // one digit of motor torque: no host could feed forward less
 {
     for (std::size_t r = 0; r < fit.size(); ++r)
         fit[r].index = static_cast<Index>(r);

@@ -29,7 +29,7 @@ constexpr double kLateStep_s = 0.01;
 constexpr Index kLateSteps = 4;
 constexpr std::size_t kPlaces = 3;      // of a search, weighed in full
 // beyond these it is something else: a loss that eats the load, a gain no sensor is off by, a slipped joint
-constexpr double kLossMost = 0.5, kGainMost = 0.5, kAngleMost_rad = 0.2;
+constexpr double kLossMost = 0.9, kGainMost = 0.5, kAngleMost_rad = 0.2;
 constexpr double kTwoPi = 6.283185307179586;
 
 // Columns of the chain at each block's mean state, all joints at once.

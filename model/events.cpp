@@ -122,7 +122,7 @@ std::vector<double> excess(const std::vector<Sums> &runs)
 }
 
 struct Best {
-    double llr = 0, theta = 0;
+    double llr = 0;
     int kind = 0;
     Index begin = 0, end = 0;           // bins
     double mean_square = 0;
@@ -143,7 +143,6 @@ Best best_stretch(const Sums &s, const std::vector<double> &calm, int kind)
             if (llr <= best.llr)
                 continue;
             best.llr = llr;
-            best.theta = got / info;
             best.begin = i;
             best.end = k;
             best.mean_square = (s.square[k] - s.square[i]) / (s.rows[k] - s.rows[i]);
@@ -219,7 +218,6 @@ void take_best(const Left &left, const std::vector<std::pair<double, double>> &s
         if (rows < kMeanRows || llr <= best->llr)
             continue;
         best->llr = llr;
-        best->theta = s[k] / a(k, k);
         best->mean_square = m.col(k).squaredNorm() / rows;
         best->from_s = stretches[static_cast<std::size_t>(k)].first;
         best->to_s = stretches[static_cast<std::size_t>(k)].second;
@@ -268,11 +266,29 @@ double middle(std::vector<double> x)
     return *mid;
 }
 
-std::optional<Event> event_from(const JointWork &w, std::size_t run, const Best &best, double least_nats, double least_nm)
+// Its size by plain least squares beside what the run's own friction and offset are off by: the noise was
+// estimated with the event in it and would take a part of it over.
+double plain_size(const BlockRows &b, const VectorXd &residual, const Best &best)
+{
+    VectorXd in = shape(b, best.kind);
+    for (Index t = 0; t < b.size(); ++t)
+        in[t] *= b.t_s[t] >= best.from_s && b.t_s[t] < best.to_s;
+    MatrixXd x(b.size(), 4);
+    x << in, VectorXd::Ones(b.size()), b.dir, b.v;
+    MatrixXd a = x.transpose() * x;
+    // where the event fills the run, nothing is left beside it
+    a.diagonal().tail(3) *= 1.1;
+    a.diagonal().array() += 1e-9;
+    return a.llt().solve(x.transpose() * residual)[0];
+}
+
+std::optional<Event> event_from(const JointWork &w, std::size_t run, const VectorXd &residual, const Best &best,
+                                double least_nats, double least_nm)
 {
     const BlockRows &b = w.fit[run];
+    const double size = best.llr > 0 ? plain_size(b, residual, best) : 0;
     Event e;
-    e.torque_nm = best.theta * std::sqrt(best.mean_square);
+    e.torque_nm = size * std::sqrt(best.mean_square);
     e.log_likelihood = best.llr - least_nats;
     if (e.log_likelihood < kSure_nats || std::abs(e.torque_nm) < least_nm)
         return {};
@@ -280,7 +296,7 @@ std::optional<Event> event_from(const JointWork &w, std::size_t run, const Best 
     e.run = b.run;
     e.run_index = run;
     e.kind = kKinds[best.kind];
-    e.angle_rad = best.kind == 2 ? best.theta : 0;
+    e.angle_rad = best.kind == 2 ? size : 0;
     e.from_s = std::max(b.t_s[0], best.from_s);
     e.to_s = std::min(b.t_s[b.size() - 1], best.to_s);
     return e;
@@ -325,7 +341,7 @@ std::vector<Event> find_events(const JointWork &w, const Found &axis)
     const double least_nats = std::max(std::log(looked_at), kAbove * middle(nats));
     for (std::size_t r = 0; r < residual.size(); ++r)
         if (std::none_of(out.begin(), out.end(), [r](const Event &e) { return e.run_index == r; }))
-            if (const auto e = event_from(w, r, best[r], least_nats, least_nm))
+            if (const auto e = event_from(w, r, residual[r], best[r], least_nats, least_nm))
                 out.push_back(*e);
     std::set<std::size_t> runs;
     for (const Event &e : out)

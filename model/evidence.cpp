@@ -19,7 +19,7 @@ using Eigen::VectorXd;
 namespace {
 
 constexpr double kRidge = 1e-9;          // of the largest diagonal: rank-deficient designs are normal
-constexpr Index kWanderKnotsMax = 40;
+constexpr Index kWanderKnotsMax = 80;
 // Share of white noise assumed beside whatever colour is found.  Lines that move with speed look
 // predictable to an autoregression; without this bound, whitening would trade the slow part, which is
 // what effects are made of, for the last digits of the fast part.
