@@ -19,7 +19,7 @@ namespace {
 constexpr int kArOrder = 8; // fewer cannot hold both the slow part and the white share
 constexpr double kWander_s = 2; // about a move: what the model gets wrong lasts as long
 constexpr std::size_t kSplits = 16, kPeaks = 5, kPlainPeaks = 3;
-constexpr double kHighestOrder = 600;
+constexpr double kHighestOrder = 600, kMotorOrders = 20;
 constexpr double kLoose = 5;
 constexpr double kStrongPower = 40;  // mean over runs; 2 is noise
 constexpr double kTie_nats = 5, kTieShare = 0.95, kAdequate = 0.9;
@@ -79,6 +79,11 @@ VectorXd JointWork::target(const BlockRows &b) const
         if (f.chain_theta)
             y -= f.columns(b) * *f.chain_theta;
     return y;
+}
+
+double JointWork::highest_order() const
+{
+    return std::max(kHighestOrder, kMotorOrders * arm_joint_.ratio);
 }
 
 MatrixXd JointWork::fixed(const BlockRows &b) const
@@ -411,7 +416,7 @@ void JointWork::assess(const Gates &gates)
     families.erase(families.begin() + static_cast<std::ptrdiff_t>(listed_), families.end());
     std::vector<RunRows> rows = run_rows();
     const std::vector<ScanRows> sr = scan_rows(fit);
-    const OrderGrid grid = order_grid(sr, kHighestOrder);
+    const OrderGrid grid = order_grid(sr, highest_order());
     std::vector<MatrixXd> rich = rich_columns();
     // a line moves through the spectrum with speed: left in, it would pass for coloured noise
     const std::vector<VectorXd> residual = plain_residual(rows, rich);

@@ -69,6 +69,8 @@ public:
     // y with chain effects taken off; friction, imperfections and found effects, in this order.
     Eigen::VectorXd target(const BlockRows &b) const;
     Eigen::MatrixXd fixed(const BlockRows &b) const;
+    // The scan goes to 600 a turn, or to twenty a motor turn.
+    double highest_order() const;
     Eigen::Index imperfection_columns() const { return 2 + 8 * arm_joint_.ripples; }
     Gram gram(const Family &f, Point at) const;
     // Fit runs less nuisances and all that was found; axis too unless it is empty.

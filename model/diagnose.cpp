@@ -33,6 +33,7 @@ constexpr Index kRowsMin = 400;            // per joint over all fit runs
 constexpr double kWorse = 1.1;             // held-out error may grow by this where likelihood gains: few runs scatter
 constexpr double kWorseThanRefit = 1.5;    // its square, against friction fitted again
 constexpr double kUnnamedFall = 0.03;      // what no effect explains must be worth a table
+constexpr double kFewRunsFall = 0.15;      // of the held-out error, where few runs may name
 constexpr double kSeparates = 0.3;         // of the noise floor, rms over a run
 constexpr int kEventPasses = 3;            // the last only fits
 constexpr double kPiece_s = 20;
@@ -49,6 +50,9 @@ std::string text(const char *format, double a, double b = 0, double c = 0)
     std::snprintf(buf, sizeof buf, format, a, b, c);
     return buf;
 }
+
+// How many runs tell of each other's scatter, and whether fewer than that may name.
+struct Independent { std::size_t count; bool may_name; };
 
 // Files cut from one recording follow each other in time: they are one run.
 std::size_t independent_runs(const std::vector<Run> &runs)
@@ -362,7 +366,7 @@ double wald(const JointEstimate &e, std::size_t k)
 }
 
 // Effects whose numbers are not three sigma from nothing, or not two where parts of the travel are left
-// out, are taken out again.
+// out, or not possible beside the others, are taken out again.
 bool prune(JointWork &w)
 {
     VectorXd unused;
@@ -373,7 +377,8 @@ bool prune(JointWork &w)
     for (std::size_t k = w.found.size(); k-- > 0;) {
         if (w.found[k].chain_theta || w.found[k].family.own_phase)
             continue;
-        if (wald(e, k) >= 9 && wald(wide, k) >= 4)
+        const auto &possible = w.found[k].family.plausible;
+        if (wald(e, k) >= 9 && wald(wide, k) >= 4 && (!possible || possible(e.theta[k])))
             continue;
         w.found.erase(w.found.begin() + static_cast<std::ptrdiff_t>(k));
         w.stale = any = true;
@@ -470,7 +475,7 @@ void pictures(const JointWork &w, const HeldOut &h, const Found &axis, JointDiag
         rows.push_back(b.scan());
         before.push_back(b.y_nm);
     }
-    const OrderGrid grid = order_grid(rows, 600);
+    const OrderGrid grid = order_grid(rows, w.highest_order());
     for (std::size_t k = 0; k < grid.count(); ++k)
         d->order.push_back(grid.first + grid.step * static_cast<double>(k));
     const auto larger = [&](const std::vector<VectorXd> &y) {
@@ -684,7 +689,8 @@ bool hum_held_out(const JointWork &w, const VectorXd &theta_by_run, const HeldOu
 }
 
 // Named, unnamed or suspect, and why doubt remains.
-std::string judge(const JointWork &w, const JointEstimate &e, std::size_t runs, const HeldOut &h, bool unnamed, JointDiagnosis *d)
+std::string judge(const JointWork &w, const JointEstimate &e, const Independent &runs, const HeldOut &h, bool unnamed,
+                  JointDiagnosis *d)
 {
     d->verdict = unnamed ? "unnamed" : "named";
     const double fall = 1 - rms(h.after) / std::max(rms(h.before), 1e-12);
@@ -710,9 +716,10 @@ std::string judge(const JointWork &w, const JointEstimate &e, std::size_t runs, 
         return text("an axis without a name has to take %.0f %% off the held-out error, and takes %.1f %%",
                     100 * kUnnamedFall, 100 * fall);
     }
-    if (runs < kRunsMin && fall < 0.15) {
+    if (runs.count < kRunsMin && !(runs.may_name && fall >= kFewRunsFall)) {
         d->verdict = "suspect";
-        return text("%.0f independent run(s) are too few to name it", static_cast<double>(runs));
+        return text("%.0f independent run(s) are too few to name it (held-out error would go from %.3g to %.3g N.m; "
+                    "--few-runs adopts it)", static_cast<double>(runs.count), rms(h.before), rms(h.after));
     }
     return "";
 }
@@ -734,7 +741,8 @@ void put_events(const std::vector<Event> &events, JointDiagnosis *d)
 
 struct Judged { JointDiagnosis d; JointEstimate e; bool adopt = false; };
 
-Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const Start &start, std::size_t runs, const Gates &gates)
+Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const Start &start, const Independent &runs,
+                   const Gates &gates)
 {
     Judged out;
     JointDiagnosis &d = out.d;
@@ -763,8 +771,8 @@ Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const St
     }
     out.adopt = d.verdict == "named" || (d.verdict == "unnamed" && d.effects.size() > 1);
     d.rms_after_nm = d.verdict == "named" || d.verdict == "unnamed" ? rms(h.after) : d.rms_before_nm;
-    d.next_experiment = next_experiment(arm, w, out.e, d, runs);
-    put_words(runs, &d, doubt);
+    d.next_experiment = next_experiment(arm, w, out.e, d, runs.count);
+    put_words(runs.count, &d, doubt);
     HeldOut shown = h;
     if (d.verdict == "nothing" || d.verdict == "suspect") {
         shown.after = h.before;
@@ -897,7 +905,7 @@ Diagnosis diagnose(const ArmFile &arm, const std::vector<Run> &fit, const std::v
     const Gates gates;
     RunBlocks fit_blocks = read_blocks(arm.arm(), fit, true, options);
     const RunBlocks test_blocks = read_blocks(arm.arm(), test, false, options);
-    const std::size_t runs = independent_runs(fit);
+    const Independent runs = {independent_runs(fit), options.few_runs};
     if (fit_blocks.size() < kRunsMin)
         fit_blocks = cut_pieces(fit_blocks);
 

@@ -387,6 +387,26 @@ START_TEST(test_too_few_runs_refuse_to_name)
 }
 END_TEST
 
+// However large: three runs do not show what runs scatter.  Asked for, it is taken from them all the same.
+START_TEST(test_few_runs_name_only_when_asked_to)
+{
+    Hidden h;
+    h.load_mu = 0.2;
+    std::vector<Run> fit, test;
+    for (unsigned long i = 0; i < 5; ++i)
+        (i < 3 ? fit : test).push_back(planar::make_run(h, {}, 32000 + i, 40));
+    DiagnoseOptions options;
+    for (const bool asked : {false, true}) {
+        options.few_runs = asked;
+        const Diagnosis d = diagnose(arm(), fit, test, options);
+        ck_assert_str_eq(d.joints[0].verdict.c_str(), asked ? "named" : "suspect");
+        ck_assert(d.joints[0].effects[0].id == "load_friction");
+        ck_assert_int_eq(d.model.has("joint.1.effect"), asked);
+        ck_assert(d.joints[0].words.find("3 independent run") != std::string::npos);
+    }
+}
+END_TEST
+
 START_TEST(test_pieces_of_one_recording_are_one_run)
 {
     Hidden h;
@@ -512,6 +532,7 @@ static Suite *diagnose_suite(void)
     TCase *rules = tcase_create("rules");
     tcase_set_timeout(rules, 120);
     tcase_add_test(rules, test_too_few_runs_refuse_to_name);
+    tcase_add_test(rules, test_few_runs_name_only_when_asked_to);
     tcase_add_test(rules, test_what_held_out_runs_deny_is_not_adopted);
     tcase_add_test(rules, test_what_few_runs_show_is_not_named);
     tcase_add_test(rules, test_pieces_of_one_recording_are_one_run);

@@ -44,6 +44,7 @@ constexpr std::size_t kStride = 7;
 constexpr int kSizeTries = 4;
 constexpr double kSizeNear = 0.1;
 constexpr double kBlock_s = 0.01;
+constexpr std::size_t kSlowBlocks = 25;
 
 std::string number(double x)
 {
@@ -163,6 +164,22 @@ std::vector<double> change_of(const Signals &with, const Signals &without, std::
     for (std::size_t t = 0; t < change.size(); t++)
         change[t] = with.tau_nm[j][t] - without.tau_nm[j][t];
     return change;
+}
+
+// Means over a quarter of a second: two runs whose ripple is out of step differ by all of it, though
+// what turned its phase does little.
+std::vector<double> slow_part(const std::vector<double> &x)
+{
+    std::vector<double> out(x.size());
+    for (std::size_t from = 0; from < x.size(); from += kSlowBlocks) {
+        const std::size_t end = std::min(x.size(), from + kSlowBlocks);
+        double sum = 0;
+        for (std::size_t t = from; t < end; t++)
+            sum += x[t];
+        std::fill(out.begin() + static_cast<std::ptrdiff_t>(from), out.begin() + static_cast<std::ptrdiff_t>(end),
+                  sum / static_cast<double>(end - from));
+    }
+    return out;
 }
 
 class Rig {
@@ -363,6 +380,11 @@ Text Rig::noise_of(const Case &c)
     return out;
 }
 
+bool turns_phase(const std::string &id)
+{
+    return id == "joint_offset" || id == "eccentricity";
+}
+
 bool seen_as_it_is(const std::string &id)
 {
     const Kind &k = kind_of(id);
@@ -375,11 +397,14 @@ double Rig::contribution_nm(const Text &hidden, const Case &c, int joint, int ru
 {
     const Healthy &h = healthy_.at({c.specimen, c.set});
     const auto j = static_cast<std::size_t>(joint - 1);
-    const std::vector<double> change = change_of(with, h.runs[static_cast<std::size_t>(run)], j);
+    const std::string id = hidden[0].substr(0, hidden[0].find('='));
+    std::vector<double> change = change_of(with, h.runs[static_cast<std::size_t>(run)], j);
+    if (turns_phase(id))
+        change = slow_part(change);
     double square = 0;
     for (double x : change)
         square += x * x / static_cast<double>(change.size());
-    if (!seen_as_it_is(hidden[0].substr(0, hidden[0].find('='))))
+    if (!seen_as_it_is(id))
         square = std::pow(reducible_rms(change, with.v_radps[j]), 2);
     return std::sqrt(std::max(0.0, square - h.jitter_nm[j] * h.jitter_nm[j]));
 }

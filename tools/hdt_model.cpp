@@ -16,6 +16,7 @@ namespace hdt::cli {
 namespace {
 
 struct FitOptions {
+    bool few_runs = false;
     std::string model, joints, out;
     std::vector<std::string> fit, test;
 };
@@ -54,6 +55,7 @@ int run_diagnose(const FitOptions &o)
     std::vector<Run> fit = read_runs(o.fit), test = read_runs(o.test);
     DiagnoseOptions options;
     options.joints = parse_joints(o.joints);
+    options.few_runs = o.few_runs;
     Diagnosis d = diagnose(arm, fit, test, options);
     make_directory(o.out);
     write_diagnosis(d, o.out);
@@ -111,6 +113,8 @@ void add_diagnose(CLI::App &app, int &code)
     sub->add_option("--fit", o->fit, "logs to look at")->required();
     sub->add_option("--test", o->test, "logs held out for the before and after")->required();
     sub->add_option("--joints", o->joints, "only these, as in 2,4");
+    sub->add_flag("--few-runs", o->few_runs,
+                  "let fewer than four runs name what takes 15 % off the held-out error, and adopt it");
     sub->add_option("--out", o->out, "directory for diagnosis.json, model.toml, report.html")->required();
     sub->callback([o, &code] { code = run_diagnose(*o); });
 }
