@@ -36,7 +36,7 @@ TOOLS  := $(call obj,$(wildcard tools/hdt*.cpp))
 BENCH  := $(patsubst tools/%.c,$(BUILD)/%,$(wildcard tools/bench_*.c))
 TESTS  := $(patsubst tests/%.c,$(BUILD)/tests/%,$(wildcard tests/check_*.c)) \
           $(patsubst tests/%.cpp,$(BUILD)/tests/%,$(wildcard tests/check_*.cpp))
-SLOW   := $(addprefix $(BUILD)/tests/check_,bench_diagnosis cli dataset diagnose evidence ident measured paper rbd scan task)
+SLOW   := $(addprefix $(BUILD)/tests/check_,bench_diagnosis cli dataset diagnose evidence ident log_check measured paper rbd scan task)
 LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
 
