@@ -244,6 +244,37 @@ START_TEST(test_bad_logs_are_refused_with_file_and_line)
 }
 END_TEST
 
+START_TEST(test_logs_that_cannot_mean_what_they_say_are_refused)
+{
+    must("for s in 4 5; do $H sim --arm $A --task excite:seed=$s,seconds=15 --seed $s --mode velocity --out g$s.csv; done");
+    must("spoil() { awk -F, -v OFS=, -v c=$1 -v f=$2 '/^#/ { print; next } !n { for (i = 1; i <= NF; i++) if ($i == c) n = i; "
+         "print; next } { $n = $n * f; print }' g4.csv; }; "
+         "spoil tau2_nm 0.02 >side.csv; spoil q3_rad 57.2957795 >degrees.csv; spoil tau6_nm -1 >sign.csv");
+    const char *const bad[][2] = {{"side.csv", "side.csv: joint 2: torque looks motor-side: it is 0.0"},
+                                  {"degrees.csv", "degrees.csv: joint 3: angle looks in degrees"},
+                                  {"sign.csv", "sign.csv: joint 6: torque looks turned round"}};
+    for (const auto &[log, words] : bad) {
+        assert_refused(std::string("$H ident --arm $A --fit g5.csv ") + log + " --out result", words, "result");
+        assert_refused(std::string("$H ident --arm $A --fit g5.csv --test ") + log + " --out result", words, "result");
+        assert_refused(std::string("$H diagnose --model $A --fit ") + log + " --test g5.csv --out result", words, "result");
+        Result r = sh(std::string("$H log check --arm $A g5.csv ") + log);
+        ck_assert_int_eq(r.code, 1);
+        ck_assert_msg(r.out.find(words) != std::string::npos, "%s", r.out.c_str());
+    }
+    // all that was found, a line each, and the way out
+    Result r = sh("$H ident --arm $A --fit side.csv degrees.csv sign.csv --out result");
+    for (const auto &finding : bad)
+        ck_assert_msg(r.err.find(finding[1]) != std::string::npos, "%s", r.err.c_str());
+    ck_assert_msg(r.err.find("--accept-log") != std::string::npos, "%s", r.err.c_str());
+    must("$H log check --arm $A g4.csv g5.csv");
+    must("$H log check side.csv");
+    r = sh("$H ident --arm $A --fit g5.csv side.csv --accept-log --out result");
+    ck_assert_int_eq(r.code, 0);
+    ck_assert_msg(r.err.find("joint 2: torque looks motor-side") != std::string::npos, "%s", r.err.c_str());
+    ck_assert(exists("result/model.toml"));
+}
+END_TEST
+
 START_TEST(test_bad_models_are_refused_by_line_and_key)
 {
     must("grep -v '^link.mass' $A >missing.toml");
@@ -314,6 +345,7 @@ static Suite *cli_suite(void)
     TCase *bad = tcase_create("bad input");
     tcase_add_checked_fixture(bad, set_up, tear_down);
     tcase_add_test(bad, test_bad_logs_are_refused_with_file_and_line);
+    tcase_add_test(bad, test_logs_that_cannot_mean_what_they_say_are_refused);
     tcase_add_test(bad, test_bad_models_are_refused_by_line_and_key);
     tcase_add_test(bad, test_bus_that_is_not_there_is_said_in_one_line);
     tcase_add_test(bad, test_format_b_wants_a_bus_that_carries_it_and_rated_torques);

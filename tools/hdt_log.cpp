@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "model/log.hpp"
+#include "model/log_check.hpp"
 #include "tools/hdt_cli.hpp"
 
 namespace hdt::cli {
@@ -12,7 +13,8 @@ namespace hdt::cli {
 namespace {
 
 struct LogOptions {
-    std::string in, out, map;
+    std::string in, out, map, arm;
+    std::vector<std::string> logs;
     double from_s = 0, to_s = 1e9;
 };
 
@@ -27,6 +29,25 @@ void say(const Run &run)
     std::printf("\n");
 }
 
+// What is in each log and, against an arm, whether its columns can be what they are called.
+int check_files(const LogOptions &o)
+{
+    std::vector<Run> runs;
+    for (const std::string &path : o.logs) {
+        runs.push_back(read_run(path));
+        say(runs.back());
+    }
+    if (o.arm.empty())
+        return Ok;
+    const ArmFile arm = ArmFile::load(o.arm);
+    int code = Ok;
+    for (const LogFinding &f : check_logs(arm.arm(), runs)) {
+        std::printf("%s\n", f.words.c_str());
+        code = f.refuse ? No : code;
+    }
+    return code;
+}
+
 } // namespace
 
 void add_log(CLI::App &app, int &code)
@@ -35,12 +56,11 @@ void add_log(CLI::App &app, int &code)
     CLI::App *sub = app.add_subcommand("log", "check, cut or convert logs");
     sub->require_subcommand(1);
 
-    CLI::App *check = sub->add_subcommand("check", "read a log and say what is in it");
-    check->add_option("log", o->in)->required();
-    check->callback([o, &code] {
-        say(read_run(o->in));
-        code = Ok;
-    });
+    CLI::App *check =
+        sub->add_subcommand("check", "read logs and say what is in them; exit code 1: it cannot be");
+    check->add_option("logs", o->logs)->required();
+    check->add_option("--arm", o->arm, "model file: look for wrong units, signs, sides, exchanged columns");
+    check->callback([o, &code] { code = check_files(*o); });
 
     CLI::App *cut = sub->add_subcommand("cut", "a part of a log, as a log");
     cut->add_option("log", o->in)->required();

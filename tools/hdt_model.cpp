@@ -7,6 +7,7 @@
 #include "model/diagnose.hpp"
 #include "model/files.hpp"
 #include "model/ident.hpp"
+#include "model/log_check.hpp"
 #include "model/tablegen.hpp"
 #include "tools/hdt_cli.hpp"
 #include "tools/hdt_rig.hpp"
@@ -19,6 +20,7 @@ struct FitOptions {
     bool few_runs = false;
     std::string model, joints, out;
     std::vector<std::string> fit, test;
+    bool accept_log = false;
 };
 
 std::vector<Run> read_runs(const std::vector<std::string> &paths)
@@ -32,10 +34,30 @@ std::vector<Run> read_runs(const std::vector<std::string> &paths)
     return runs;
 }
 
+constexpr const char *accept_log_help = "fit even logs whose units, signs, sides or columns look wrong";
+
+// Before anything is fitted: a log that cannot mean what it says is refused with all that was found.
+void check_columns(const ArmFile &arm, const std::vector<Run> &fit, const std::vector<Run> &test,
+                   const FitOptions &o)
+{
+    std::vector<LogFinding> found = check_logs(arm.arm(), fit), more = check_logs(arm.arm(), test);
+    found.insert(found.end(), more.begin(), more.end());
+    if (const std::string warnings = log_warnings(found); !warnings.empty())
+        std::fprintf(stderr, "%s\n", warnings.c_str());
+    const std::string refusals = log_refusals(found);
+    if (refusals.empty())
+        return;
+    if (!o.accept_log)
+        throw InputError(refusals + "\nlog refused, nothing fitted or written: put it right, or --accept-log "
+                                    "to take it as it stands");
+    std::fprintf(stderr, "%s\naccepted as it stands: --accept-log\n", refusals.c_str());
+}
+
 int run_ident(const FitOptions &o)
 {
     ArmFile arm = ArmFile::load(o.model);
     std::vector<Run> fit = read_runs(o.fit), test = read_runs(o.test);
+    check_columns(arm, fit, test, o);
     IdentOptions options;
     options.joints = parse_joints(o.joints);
     IdentResult result = identify(arm, fit, test, options);
@@ -53,6 +75,7 @@ int run_diagnose(const FitOptions &o)
 {
     ArmFile arm = ArmFile::load(o.model);
     std::vector<Run> fit = read_runs(o.fit), test = read_runs(o.test);
+    check_columns(arm, fit, test, o);
     DiagnoseOptions options;
     options.joints = parse_joints(o.joints);
     options.few_runs = o.few_runs;
@@ -102,6 +125,7 @@ void add_ident(CLI::App &app, int &code)
     sub->add_option("--test", o->test, "logs held out");
     sub->add_option("--joints", o->joints, "only these, as in 2,4");
     sub->add_option("--out", o->out, "directory for model.toml, ident.json, report.html")->required();
+    sub->add_flag("--accept-log", o->accept_log, accept_log_help);
     sub->callback([o, &code] { code = run_ident(*o); });
 }
 
@@ -116,6 +140,7 @@ void add_diagnose(CLI::App &app, int &code)
     sub->add_flag("--few-runs", o->few_runs,
                   "let fewer than four runs name what takes 15 % off the held-out error, and adopt it");
     sub->add_option("--out", o->out, "directory for diagnosis.json, model.toml, report.html")->required();
+    sub->add_flag("--accept-log", o->accept_log, accept_log_help);
     sub->callback([o, &code] { code = run_diagnose(*o); });
 }
 
