@@ -23,6 +23,7 @@ constexpr double kHighestOrder = 600, kMotorOrders = 20;
 constexpr double kLoose = 5;
 constexpr double kStrongPower = 40;  // mean over runs; 2 is noise
 constexpr double kTie_nats = 5, kTieShare = 0.95, kAdequate = 0.9;
+constexpr double kSetShare = 0.9;    // of the best one's evidence: printed as what it may be too
 
 RunSet all_runs(std::size_t n) { return RunSet(n, 1); }
 
@@ -617,9 +618,9 @@ double left_out_rms(const Gram &g, Index first, Index ignored, Index count)
 
 namespace {
 
-bool tied(double gain, double best)
+bool tied(double gain, double best, double share = kTieShare)
 {
-    return gain >= kTieShare * best || gain >= best - kTie_nats;
+    return gain >= share * best || gain >= best - kTie_nats;
 }
 
 // Two names that only together reach what an axis explains.
@@ -675,9 +676,9 @@ Choice choose(const JointWork &w)
         // the list is in order of preference: the first among equals is named, all are printed
         for (const Score &s : w.scores) {
             const Family &f = w.families[s.family];
-            if (!f.named() || !s.excited || !s.plausible || !tied(s.gain.total, name->gain.total))
+            if (!f.named() || !s.excited || !s.plausible || !tied(s.gain.total, name->gain.total, kSetShare))
                 continue;
-            if (c.families.empty() && s.passes && !f.chain)
+            if (c.families.empty() && s.passes && !f.chain && tied(s.gain.total, name->gain.total))
                 c.families.push_back(s.family);
             else
                 c.ambiguous.push_back(f.id);

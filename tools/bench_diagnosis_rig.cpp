@@ -44,7 +44,7 @@ constexpr std::size_t kStride = 7;
 constexpr int kSizeTries = 4;
 constexpr double kSizeNear = 0.1;
 constexpr double kBlock_s = 0.01;
-constexpr std::size_t kSlowBlocks = 25;
+constexpr std::size_t kSlowBlocks = 10;
 
 std::string number(double x)
 {
@@ -166,7 +166,7 @@ std::vector<double> change_of(const Signals &with, const Signals &without, std::
     return change;
 }
 
-// Means over a quarter of a second: two runs whose ripple is out of step differ by all of it, though
+// Means over a tenth of a second: two runs whose ripple or ringing is out of step differ by all of it, though
 // what turned its phase does little.
 std::vector<double> slow_part(const std::vector<double> &x)
 {
@@ -382,7 +382,7 @@ Text Rig::noise_of(const Case &c)
 
 bool turns_phase(const std::string &id)
 {
-    return id == "joint_offset" || id == "eccentricity";
+    return id == "joint_offset" || id == "eccentricity" || id == "inertia";
 }
 
 bool seen_as_it_is(const std::string &id)
