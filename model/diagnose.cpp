@@ -888,7 +888,8 @@ void find_effects(Works &works, const Gates &gates, std::vector<Start> *start, s
     select(works, gates, axes);
     parallel(works.size(), [&](std::size_t j) {
         JointWork &w = *works[j];
-        if (prune(w))
+        // what is left is estimated anew without what was taken out
+        while (prune(w))
             w.assess(gates);
         const auto offset = w.weigh_offset(gates);
         if ((*axes)[j].family.id.empty() && offset && offset->passes)
