@@ -40,7 +40,7 @@ SLOW   := $(addprefix $(BUILD)/tests/check_,bench_diagnosis cli dataset diagnose
 LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
 
-.PHONY: all demo paper measured check check-asan run-asan check-mujoco fmu check-fmu bench bench-sim bench-diagnosis install clean help guards
+.PHONY: all demo paper measured check check-asan run-asan check-mujoco fmu check-fmu bench bench-sim bench-diagnosis bench-ident install clean help guards
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -111,6 +111,10 @@ bench-sim: $(BUILD)/bench_sim
 bench-diagnosis: $(BUILD)/hdt $(BUILD)/bench_diagnosis
 	@nice -n 10 $(BUILD)/bench_diagnosis --hdt $(BUILD)/hdt --out $(BUILD)/bench-diagnosis -n $(or $(N),3) \
 	  $(if $(JOBS),-j $(JOBS))
+
+## bench-ident: what ident and diagnose take on ten minutes of seven joints; a sparse regression; a Stribeck fit
+bench-ident: $(BUILD)/hdt $(BUILD)/bench_ident
+	@$(BUILD)/bench_ident --hdt $(BUILD)/hdt --out $(BUILD)/bench-ident
 
 ## install: library, headers, pkg-config file and hdt under DESTDIR/PREFIX
 install: all
@@ -195,6 +199,8 @@ $(BUILD)/tests/check_bench_diagnosis: $(BUILD)/obj/tests/check_bench_diagnosis.c
     $(call obj,$(filter-out %_main.cpp,$(wildcard tools/bench_diagnosis*.cpp))) \
     $(filter %/hdt_rig.cpp.o %/hdt_effects.cpp.o,$(TOOLS)) $(LIBS) | $(BUILD)/hdt
 	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
+$(BUILD)/bench_ident: $(call obj,tools/bench_ident.cpp tools/hdt_paper_fit.cpp) $(LIBS)
+	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $^ $(LINK)
 $(BUILD)/measured_page: $(call obj,$(wildcard tools/measured_*.cpp)) $(LIBS)
 	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $^ $(LINK)
 $(BUILD)/tests/check_measured: $(BUILD)/obj/tests/check_measured.cpp.o $(BUILD)/obj/tools/measured_signals.cpp.o $(LIBS)

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <stdexcept>
 
 namespace hdt::paper {
@@ -102,12 +101,38 @@ MatrixXd stribeck_columns(const VectorXd &v, double vc)
     return a;
 }
 
-// Least value of f between a and b, to a thousandth of the way.
-double golden(const std::function<double(double)> &f, double a, double b)
+// What the Stribeck column of a velocity leaves, its height, Coulomb and viscous friction projected out.
+class StribeckSearch {
+public:
+    StribeckSearch(const std::vector<SpeedPoint> &points) : v_(speeds(points)), w_(weights(points))
+    {
+        MatrixXd line(v_.size(), 2);
+        line << w_, w_.cwiseProduct(v_);
+        line_ = Eigen::HouseholderQR<MatrixXd>(line).householderQ() * MatrixXd::Identity(v_.size(), 2);
+        const VectorXd y = w_.cwiseProduct(means(points));
+        y_ = y - line_ * (line_.transpose() * y);
+    }
+    // Weighted squares left, less those left without it.
+    double left(double log_vc)
+    {
+        e_ = w_.array() * (-v_.array() * std::exp(-log_vc)).exp();
+        const Eigen::Vector2d on = line_.transpose() * e_;
+        const double score = e_.dot(y_), square = e_.squaredNorm() - on.squaredNorm();
+        // a column that is a straight line explains nothing more
+        return square > 1e-12 * w_.squaredNorm() ? -score * score / square : 0;
+    }
+
+private:
+    VectorXd v_, w_, y_, e_;
+    Eigen::Matrix<double, Eigen::Dynamic, 2> line_;
+};
+
+// Where f is least between a and b, after so many evaluations.
+template <class F> double golden(F f, double a, double b, int evaluations)
 {
     const double share = 0.6180339887498949;
     double x1 = b - share * (b - a), x2 = a + share * (b - a), f1 = f(x1), f2 = f(x2);
-    for (int k = 0; k < 40; k++) {
+    for (int k = 0; k < evaluations; k++) {
         if (f1 < f2) {
             b = x2;
             x2 = x1;
@@ -134,19 +159,18 @@ FrictionModelFit fit_stribeck(const std::vector<SpeedPoint> &points)
 {
     need(points, 4);
     const VectorXd v = speeds(points);
-    const auto left = [&](double log_vc) { return solve(points, stribeck_columns(v,
-            std::exp(log_vc))).variance; };
-    constexpr int grid = 80;
+    StribeckSearch search(points);
+    const auto left = [&search](double log_vc) { return search.left(log_vc); };
+    constexpr int grid = 24;
     // what bends well below the slowest or above the fastest speed cannot be told from a straight line
-    const double low = std::log(v.minCoeff() / 2), high = std::log(2 * v.maxCoeff()), step =
-        (high - low) / grid;
+    const double low = std::log(v.minCoeff() / 2), high = std::log(2 * v.maxCoeff()), step = (high - low) / grid;
     double best = low, least = left(low);
     for (int k = 1; k <= grid; k++)
         if (const double here = left(low + step * k); here < least) {
             least = here;
             best = low + step * k;
         }
-    const double vc = std::exp(golden(left, std::max(low, best - step), std::min(high, best + step)));
+    const double vc = std::exp(golden(left, std::max(low, best - step), std::min(high, best + step), 18));
     FrictionModelFit fit = solve(points, stribeck_columns(v, vc));
     MatrixXd jacobian(v.size(), 4);
     jacobian.leftCols(3) = stribeck_columns(v, vc);
@@ -346,7 +370,7 @@ std::vector<AngleLine> find_lines(const AngleTable &table, std::size_t count, do
             break;
         const double bin = s.cycles_per_rad[1];
         found.push_back(golden([&](double f) { return -windowed_amplitude(rest, f); },
-                               s.cycles_per_rad[best] - bin, s.cycles_per_rad[best] + bin));
+                               s.cycles_per_rad[best] - bin, s.cycles_per_rad[best] + bin, 40));
         lines = fit_lines(table, found);
         for (std::size_t i = 0; i < table.nm.size(); i++)
             rest.nm[i] = table.nm[i] - lines_nm(lines, centre(table, i));
