@@ -32,6 +32,15 @@ MatrixXd ridged(MatrixXd a)
     return a;
 }
 
+// X'X, upper triangle.
+MatrixXd squares(const MatrixXd &x)
+{
+    MatrixXd out = MatrixXd::Zero(x.cols(), x.cols());
+    if (x.rows() > 0) // Eigen divides by the row count
+        out.selfadjointView<Eigen::Upper>().rankUpdate(x.transpose());
+    return out;
+}
+
 // Levinson-Durbin: every predictor from 0 to order lags.
 void levinson(const VectorXd &acov, NoiseModel &n)
 {
@@ -352,8 +361,8 @@ Gram Evidence::gram(const std::vector<MatrixXd> &x) const
             base.leftCols(nn) = runs_[r].fixed;
             base.col(nn) = runs_[r].y;
             place(w, p.weighted, p.base.transpose() * xw - p.half_base.transpose() * zx,
-                  xw.transpose() * xw - zx.transpose() * zx);
-            place(plain, p.plain, base.transpose() * x[r], x[r].transpose() * x[r]);
+                  squares(xw) - squares(zx));
+            place(plain, p.plain, base.transpose() * x[r], squares(x[r]));
             ss += x[r].colwise().squaredNorm().transpose();
         } else {
             w = p.weighted;

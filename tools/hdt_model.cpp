@@ -79,7 +79,7 @@ int run_diagnose(const FitOptions &o)
     DiagnoseOptions options;
     options.joints = parse_joints(o.joints);
     options.few_runs = o.few_runs;
-    Diagnosis d = diagnose(arm, fit, test, options);
+    Diagnosis d = diagnose(arm, std::move(fit), std::move(test), options);
     make_directory(o.out);
     write_diagnosis(d, o.out);
     std::printf("joint  verdict   floor  before   after N.m   in words\n");
