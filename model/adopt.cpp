@@ -150,7 +150,10 @@ bool write_effect(const Writer &out, const std::string &id, std::vector<EffectPa
         out.append(id, {{"stiffness", p[0]}, {"rest", p[1]}});
     } else if (id == "temperature" && !i) {
         out.append(id, {{"coulomb", p[0]}, {"viscous", p[1]}, {"time_constant", p[2]}});
-    } else if (id == "presliding" && !i) {
+    } else if (id == "presliding") {
+        // the model holds one: that which takes more work to turn over
+        if (i && out.old(i, "torque") * out.old(i, "travel") > p[0].value * p[1].value)
+            return false;
         out.append(id, {{"torque", p[0]}, {"travel", p[1]}});
     } else if (id == "torque_offset") {
         p[0].value += i ? out.old(i, "torque") : 0;
@@ -300,7 +303,8 @@ std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &
     double v_max = 0;
     for (const BlockRows &b : w.fit)
         v_max = b.size() > 0 ? std::max(v_max, b.v.cwiseAbs().maxCoeff()) : v_max;
-    if (friction.isZero() && arm.joint[w.joint].has_friction)
+    // friction fitted beside what the file cannot hold is right only beside it
+    if (!refused.empty() || (friction.isZero() && arm.joint[w.joint].has_friction))
         return refused.empty() ? "" : "the model file has no term for " + refused + "; it is not adopted";
     write_friction(out, arm.joint[w.joint], friction, scale * e.friction_sigma, v_max);
     return refused.empty() ? "" : "the model file has no term for " + refused + "; it is not adopted";

@@ -22,7 +22,7 @@ constexpr std::size_t kSplits = 16, kPeaks = 5, kPlainPeaks = 3;
 constexpr double kHighestOrder = 600, kMotorOrders = 20;
 constexpr double kLoose = 5;
 constexpr double kStrongPower = 40;  // mean over runs; 2 is noise
-constexpr double kTie_nats = 5, kTieShare = 0.95, kAdequate = 0.9;
+constexpr double kTie_nats = 5, kTieShare = 0.995, kAdequate = 0.9;
 constexpr double kSetShare = 0.9;    // of the best one's evidence: printed as what it may be too
 
 RunSet all_runs(std::size_t n) { return RunSet(n, 1); }
@@ -802,7 +802,10 @@ void judge_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const Ga
         others += r;
         better = std::max(better, c->gain[j].better);
     }
-    c->passes = large > 0 && c->p_adjusted <= gates.alpha && better >= gates.min_runs && plain > 0 && mine > 0
+    // a mass, or a tilt, that is not three sigma from nothing is none
+    const double sure = std::abs(c->theta[0]) / std::sqrt(std::max(c->covariance(0, 0), 1e-300));
+    const double wald = c->theta.dot(c->covariance.ldlt().solve(c->theta)) / static_cast<double>(c->theta.size());
+    c->passes = large > 0 && (c->id == "payload" ? sure >= 3 : wald >= 9) && c->p_adjusted <= gates.alpha && better >= gates.min_runs && plain > 0 && mine > 0
                 && mine >= kAdequate * others
                 // one joint alone does not speak for a chain when fewer numbers say the same
                 && !(large == 1 && simpler_ties);

@@ -31,6 +31,7 @@ constexpr std::size_t kRunsMin = 4;
 constexpr Index kFriction = 4;             // columns of nuisance_columns
 constexpr Index kRowsMin = 400;            // per joint over all fit runs
 constexpr double kWorse = 1.1;             // held-out error may grow by this where likelihood gains: few runs scatter
+constexpr double kClearFall = 0.95;        // of the held-out error, best without the effect
 constexpr double kWorseThanRefit = 1.5;    // its square, against friction fitted again
 constexpr double kUnnamedFall = 0.03;      // what no effect explains must be worth a table
 constexpr double kFewRunsFall = 0.15;      // of the held-out error, where few runs may name
@@ -708,7 +709,9 @@ std::string judge(const JointWork &w, const JointEstimate &e, const Independent 
     const double *scatter = w.evidence().noise().variance;
     const double limit = std::sqrt(kWorseThanRefit * h.refit.squaredNorm() / static_cast<double>(h.refit.size())
                                    + 2 * (scatter[RG_COULOMB] + scatter[RG_OFFSET]));
-    if (!(gain > 0) || rms(h.after) > std::min(limit, kWorse * rms(h.before))) {
+    // few runs know their own noise badly: what falls by enough in N.m needs no likelihood
+    const bool falls = rms(h.after) < kClearFall * std::min(rms(h.before), rms(h.refit));
+    if (!falls && (!(gain > 0) || rms(h.after) > std::min(limit, kWorse * rms(h.before)))) {
         d->verdict = "suspect";
         return text("it does not help on the held-out runs (%.3g N.m as given, %.3g with friction fitted again, "
                     "%.3g with it)", rms(h.before), rms(h.refit), rms(h.after));

@@ -19,6 +19,7 @@ using Eigen::VectorXd;
 namespace {
 
 constexpr double kRidge = 1e-9;          // of the largest diagonal: rank-deficient designs are normal
+constexpr double kScatterMost = 2;
 constexpr Index kWanderKnotsMax = 80;
 // Share of white noise assumed beside whatever colour is found.  Lines that move with speed look
 // predictable to an autoregression; without this bound, whitening would trade the slow part, which is
@@ -53,7 +54,7 @@ void levinson(const VectorXd &acov, NoiseModel &n)
         double num = acov[m];
         for (Index i = 0; i < m - 1; ++i)
             num -= phi[i] * acov[m - 1 - i];
-        const double k = std::clamp(num / var, -0.999, 0.999);
+        const double k = num / var;
         VectorXd next(m);
         for (Index i = 0; i < m - 1; ++i)
             next[i] = phi[i] - k * phi[m - 2 - i];
@@ -69,22 +70,20 @@ void levinson(const VectorXd &acov, NoiseModel &n)
 // Autocovariance over unbroken stretches only.
 VectorXd autocovariance(const std::vector<RunRows> &runs, const std::vector<VectorXd> &e, int order)
 {
-    VectorXd sum = VectorXd::Zero(order + 1), count = VectorXd::Zero(order + 1);
+    VectorXd sum = VectorXd::Zero(order + 1);
+    double count = 0;
     for (std::size_t r = 0; r < runs.size(); ++r) {
         for (Index t = 0; t < e[r].size(); ++t) {
             const int lags = std::min(order, runs[r].lags[static_cast<std::size_t>(t)]);
-            for (int k = 0; k <= lags; ++k) {
+            for (int k = 0; k <= lags; ++k)
                 sum[k] += e[r][t] * e[r][t - k];
-                count[k] += 1;
-            }
         }
+        count += static_cast<double>(e[r].size());
     }
-    const double var = count[0] > 0 ? sum[0] / count[0] : 0;
-    VectorXd acov(order + 1);
-    // tapered, so that unequal counts cannot make it indefinite
-    for (int k = 0; k <= order; ++k)
-        acov[k] = (count[k] > 0 ? sum[k] / count[k] : 0) * (1 - 1e-4 * k);
-    acov[0] = std::max(var, 1e-12) * (1 + kWhiteShare);
+    // by the number of rows, not of pairs: only so it is an autocovariance whatever the gaps (that of the
+    // stretches between them, one beside the other), and no predictor grows wild
+    VectorXd acov = sum / std::max(count, 1.0);
+    acov[0] = std::max(acov[0], 1e-12) * (1 + kWhiteShare);
     return acov;
 }
 
@@ -274,7 +273,7 @@ NoiseModel fit_noise(const std::vector<RunRows> &runs, const std::vector<MatrixX
     }
     v2 = std::max(v2 / std::max(rows, 1.0), 1e-9);
     levinson(autocovariance(runs, e, 0), n);
-    double var[RG_GROUPS];
+    double var[RG_GROUPS], left_nm2 = 0;
     for (int outer = 0; outer <= kOuter; ++outer) {
         // a healthy joint scatters a little from run to run even when few runs cannot show it
         const double s2 = n.coloured_nm * n.coloured_nm;
@@ -283,9 +282,17 @@ NoiseModel fit_noise(const std::vector<RunRows> &runs, const std::vector<MatrixX
             for (int g = 0; g < RG_GROUPS; ++g)
                 var[g] = prior[g];
         const Mixed m = mixed_products(runs, x, n);
+        if (outer == 0) // the noise is white as yet, of standard deviation coloured_nm
+            left_nm2 = s2 * (m.yy - m.xy.dot(ridged(m.xx).llt().solve(m.xy))) / std::max(rows, 1.0);
         MixedSolution sol;
-        for (int i = 0; i < kInner; ++i)
+        for (int i = 0; i < kInner; ++i) {
             sol = em_step(m, runs, prior, 2.0, var);
+            // Runs cannot scatter by more than least squares leave.  Without this, large run effects make the
+            // slow part of the data worthless, the rest lets fixed effects run wild, and those ask for larger run
+            // effects.
+            for (int g = 0; g < RG_GROUPS; ++g)
+                var[g] = std::min(var[g], kScatterMost * left_nm2 / (g == RG_VISCOUS ? v2 : 1));
+        }
         for (std::size_t r = 0; r < runs.size(); ++r)
             e[r] = runs[r].y - x[r] * sol.beta - runs[r].random * sol.u[r];
         if (outer < kOuter)

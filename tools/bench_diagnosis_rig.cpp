@@ -27,7 +27,9 @@
 #include <sys/wait.h>
 
 #include "model/files.hpp"
+#include "model/arm_file.hpp"
 #include "model/log.hpp"
+#include "model/rbd.hpp"
 #include "model/text.hpp"
 
 extern char **environ;
@@ -44,7 +46,6 @@ constexpr std::size_t kStride = 7;
 constexpr int kSizeTries = 4;
 constexpr double kSizeNear = 0.1;
 constexpr double kBlock_s = 0.01;
-constexpr std::size_t kSlowBlocks = 10;
 
 std::string number(double x)
 {
@@ -166,18 +167,39 @@ std::vector<double> change_of(const Signals &with, const Signals &without, std::
     return change;
 }
 
-// Means over a tenth of a second: two runs whose ripple or ringing is out of step differ by all of it, though
-// what turned its phase does little.
-std::vector<double> slow_part(const std::vector<double> &x)
+// Number after a key in an effect's words, as in "eccentricity=0.002@4:order=1,phase=0.5".
+double number_in(const std::string &words, const std::string &key)
 {
-    std::vector<double> out(x.size());
-    for (std::size_t from = 0; from < x.size(); from += kSlowBlocks) {
-        const std::size_t end = std::min(x.size(), from + kSlowBlocks);
-        double sum = 0;
-        for (std::size_t t = from; t < end; t++)
-            sum += x[t];
-        std::fill(out.begin() + static_cast<std::ptrdiff_t>(from), out.begin() + static_cast<std::ptrdiff_t>(end),
-                  sum / static_cast<double>(end - from));
+    const std::size_t at = words.find(key + "=");
+    return at == std::string::npos ? 0 : std::stod(words.substr(at + key.size() + 1));
+}
+
+// Some effects change when the gear rings, sticks and lets go as well, and two simulations then differ by all
+// of that, though the effect itself does little: what it does is computed.  Empty for all others.
+std::vector<double> by_the_book(const std::string &hidden, const std::string &arm_file, const std::string &log, int joint)
+{
+    const std::string id = hidden.substr(0, hidden.find('='));
+    if (id != "joint_offset" && id != "eccentricity" && id != "inertia")
+        return {};
+    const ArmFile file = ArmFile::load(arm_file);
+    const Run run = read_run(log);
+    const double size = number_in(hidden, id), order = number_in(hidden, "order"), phase = number_in(hidden, "phase");
+    const auto j = static_cast<Eigen::Index>(joint - 1);
+    std::vector<double> out(static_cast<std::size_t>(run.t_s.back() / kBlock_s));
+    std::size_t t = 0;
+    for (std::size_t b = 0; b < out.size(); b++) {
+        while (t + 1 < run.rows() && run.t_s[t] < (static_cast<double>(b) + 0.5) * kBlock_s)
+            t++;
+        if (id == "inertia") {
+            out[b] = size * run.joint[static_cast<std::size_t>(j)].aref_radps2[t];
+            continue;
+        }
+        Eigen::VectorXd q(static_cast<Eigen::Index>(run.joint.size()));
+        for (Eigen::Index k = 0; k < q.size(); k++)
+            q[k] = run.joint[static_cast<std::size_t>(k)].q_rad[t];
+        Eigen::VectorXd there = q;
+        there[j] += id == "joint_offset" ? size : size * std::sin(order * q[j] + phase);
+        out[b] = rbd::gravity(file.arm(), there)[j] - rbd::gravity(file.arm(), q)[j];
     }
     return out;
 }
@@ -214,7 +236,8 @@ private:
     void make_healthy(const SetKey &key);
     Text hidden_of(const Case &c);
     Text noise_of(const Case &c);
-    double contribution_nm(const Text &hidden, const Case &c, int joint, int run, const Signals &with) const;
+    double contribution_nm(const Text &hidden, const Case &c, int joint, int run, const std::string &dir,
+                           const Signals &with) const;
     static SizeKey size_key(const Case &c, const std::string &id);
     void calibrate(const Case &c, const std::string &id);
     void read_back(Outcome *o, const std::string &dir) const;
@@ -380,11 +403,6 @@ Text Rig::noise_of(const Case &c)
     return out;
 }
 
-bool turns_phase(const std::string &id)
-{
-    return id == "joint_offset" || id == "eccentricity" || id == "inertia";
-}
-
 bool seen_as_it_is(const std::string &id)
 {
     const Kind &k = kind_of(id);
@@ -393,14 +411,16 @@ bool seen_as_it_is(const std::string &id)
 
 // What the hidden things do to the reported torque of a joint in one run: the same seed with and without,
 // less what two runs of one seed differ by anyway.
-double Rig::contribution_nm(const Text &hidden, const Case &c, int joint, int run, const Signals &with) const
+double Rig::contribution_nm(const Text &hidden, const Case &c, int joint, int run, const std::string &dir,
+                            const Signals &with) const
 {
     const Healthy &h = healthy_.at({c.specimen, c.set});
     const auto j = static_cast<std::size_t>(joint - 1);
     const std::string id = hidden[0].substr(0, hidden[0].find('='));
-    std::vector<double> change = change_of(with, h.runs[static_cast<std::size_t>(run)], j);
-    if (turns_phase(id))
-        change = slow_part(change);
+    const std::string log = run_file(dir, run);
+    if (const std::vector<double> book = by_the_book(hidden[0], place_.arm, log, joint); !book.empty())
+        return reducible_rms(book, with.v_radps[j]);
+    const std::vector<double> change = change_of(with, h.runs[static_cast<std::size_t>(run)], j);
     double square = 0;
     for (double x : change)
         square += x * x / static_cast<double>(change.size());
@@ -428,7 +448,7 @@ void Rig::calibrate(const Case &c, const std::string &id)
     for (int tries = 0; tries < kSizeTries; tries++) {
         const Text hidden = {at_joint(id, std::min(size, k.most), c.joint) + k.options};
         simulate(dir, c.specimen, c.set, run, hidden);
-        const double nm = contribution_nm(hidden, c, c.joint, run, read_signals(run_file(dir, run)));
+        const double nm = contribution_nm(hidden, c, c.joint, run, dir, read_signals(run_file(dir, run)));
         const double factor = std::clamp(c.rho * floor / std::max(nm, 1e-9), 0.1, 10.0);
         size = std::min(size, k.most) * factor;
         if (std::abs(factor - 1) < kSizeNear)
@@ -498,7 +518,7 @@ void Rig::measure(Outcome *o, const std::string &dir) const
         const Signals with = read_signals(run_file(dir, r));
         for (std::size_t j = 0; j < o->rho.size(); j++) {
             const double floor = h.answer[j].refit_nm;
-            const double share = contribution_nm(o->hidden, o->c, static_cast<int>(j) + 1, r, with) / floor;
+            const double share = contribution_nm(o->hidden, o->c, static_cast<int>(j) + 1, r, dir, with) / floor;
             if (floor > 0)
                 o->rho[j] += share * share / static_cast<double>(runs.size());
         }
