@@ -18,7 +18,7 @@ using Eigen::VectorXd;
 
 namespace {
 
-constexpr double kRidge = 1e-9;          // of the largest diagonal: rank-deficient designs are normal
+constexpr double kRidge = 1e-9;          // of each diagonal: rank-deficient designs are normal
 constexpr double kScatterMost = 2;
 constexpr Index kWanderKnotsMax = 80;
 // Share of white noise assumed beside whatever colour is found.  Lines that move with speed look
@@ -28,8 +28,9 @@ constexpr double kWhiteShare = 0.15;
 
 MatrixXd ridged(MatrixXd a)
 {
-    const double top = a.rows() > 0 ? a.diagonal().maxCoeff() : 0;
-    a.diagonal().array() += kRidge * top + 1e-300;
+    // columns differ in size by orders of magnitude: each by its own
+    a.diagonal() *= 1 + kRidge;
+    a.diagonal().array() += 1e-300;
     return a;
 }
 
