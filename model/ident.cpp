@@ -669,6 +669,7 @@ IdentResult identify(const ArmFile &file, const std::vector<Run> &fit_runs, cons
         j.parameters = write_joint(f.problem.joint[k], &out.model, &out.notes);
         j.held_out_before_nm = j.held_out_after_nm = unknown;
         own_scale(f.problem, k, &j);
+        j.friction = compare_friction(f.problem, f.problem.joint[k]);
         out.joints.push_back(j);
     }
     if (!f.base)

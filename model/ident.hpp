@@ -33,6 +33,14 @@ struct FitParameter {
     bool excited;                   // false: the data cannot tell; the file's value was kept
 };
 
+// One of the friction curves of the paper's Table I on the same rows, all else as fitted.
+struct FrictionScore {
+    std::string curve;              // viscous, cubic, stribeck
+    int numbers;                    // of both directions
+    double rms_nm, left_out_nm;     // block means; each run predicted from the others, NaN with one run
+    double bic;                     // stretches of time counted, not rows; least is best
+};
+
 struct JointFit {
     int joint;                      // 1-based
     std::vector<FitParameter> parameters;
@@ -42,6 +50,7 @@ struct JointFit {
     // this joint's own scale of the gravity torque, to be held against the chain's; NaN when the
     // file has no masses or the joint carries no load
     double gravity_scale, gravity_scale_sigma;
+    std::vector<FrictionScore> friction;
     // for pictures, test runs if given, else fit runs; friction is what the other terms leave
     std::vector<double> t_s, q_rad, v_radps, measured_nm, residual_before_nm, residual_after_nm, friction_nm;
 };

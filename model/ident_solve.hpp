@@ -13,6 +13,7 @@
 
 #include <Eigen/Dense>
 
+#include "model/ident.hpp"
 #include "model/ident_rows.hpp"
 
 namespace hdt::fit {
@@ -91,6 +92,9 @@ constexpr Eigen::Index min_region_blocks = 20;
 std::vector<int> independent_shared(const Problem &p, const std::vector<int> &candidates);
 // The weight of the expected sizes that predicts left-out stretches of time best.
 double best_ridge(const Problem &p);
+
+// Straight line, cubic and Stribeck's curve, each fitted to what friction has to explain.
+std::vector<FrictionScore> compare_friction(const Problem &p, const JointFitState &j);
 
 // sigma of everything free, from leaving out one run, or one stretch of time, after the other.
 void estimate_sigma(Problem *p);

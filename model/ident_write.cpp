@@ -49,6 +49,10 @@ ordered_json to_json(const IdentResult &r)
                           {"held_out_after_nm", number(j.held_out_after_nm)},
                           {"gravity_scale",
                            {{"value", number(j.gravity_scale)}, {"sigma", number(j.gravity_scale_sigma)}}}};
+        o["friction_curves"] = ordered_json::array();
+        for (const FrictionScore &s : j.friction)
+            o["friction_curves"].push_back({{"curve", s.curve}, {"numbers", s.numbers}, {"rms_nm", number(s.rms_nm)},
+                                            {"left_out_nm", number(s.left_out_nm)}, {"bic", number(s.bic)}});
         o["parameters"] = ordered_json::array();
         for (const FitParameter &p : j.parameters)
             o["parameters"].push_back(parameter_json(p));
@@ -102,6 +106,26 @@ void before_after(const IdentResult &r, Report *report)
                         "near reversals, at spikes, in saturation and beside gaps.");
     for (const std::string &note : r.notes)
         report->paragraph(note + ".");
+}
+
+void friction_curves(const IdentResult &r, Report *report)
+{
+    std::vector<std::vector<std::string>> rows = {
+        {"joint", "viscous", "cubic", "Stribeck", "left out: viscous", "cubic", "Stribeck", "least BIC"}};
+    for (const JointFit &j : r.joints) {
+        if (j.friction.size() != 3)
+            continue;
+        std::vector<std::string> row = {std::to_string(j.joint)};
+        for (const FrictionScore &s : j.friction)
+            row.push_back(cell(s.rms_nm));
+        for (const FrictionScore &s : j.friction)
+            row.push_back(cell(s.left_out_nm));
+        const auto less = [](const FrictionScore &a, const FrictionScore &b) { return a.bic < b.bic; };
+        row.push_back(std::min_element(j.friction.begin(), j.friction.end(), less)->curve);
+        rows.push_back(row);
+    }
+    report->table(rows, "The paper's three friction curves on the same rows, N m rms, all else as fitted; left out: each run "
+                        "predicted from the others. BIC counts stretches of time, not rows.");
 }
 
 // Means over equal steps of speed; empty steps are left out.
@@ -218,6 +242,7 @@ void write_ident(const IdentResult &r, const std::string &dir)
     Report report("Identification of " + std::string(r.model.arm().name));
     verdict(r, &report);
     before_after(r, &report);
+    friction_curves(r, &report);
     parameters(r.chain, "Numbers of the whole chain", &report);
     for (const JointFit &j : r.joints) {
         report.heading("Joint " + std::to_string(j.joint) + " " + r.model.arm().joint[j.joint - 1].name);

@@ -451,6 +451,34 @@ START_TEST(test_a_term_that_is_not_there_is_not_invented)
 }
 END_TEST
 
+// Where friction bends Stribeck's curve predicts runs left out best; where it does not the straight line
+// is enough and the criterion says so.
+START_TEST(test_friction_curves_are_told_apart)
+{
+    for (bool bends : {true, false}) {
+        Truth t;
+        for (auto &joint : t.friction)
+            for (Stribeck &f : joint)
+                f.fs = bends ? f.fs : 0;
+        IdentResult r = hdt::identify(make_arm(t), make_runs(t, 44, 8), {}, {});
+        for (const hdt::JointFit &j : r.joints) {
+            ck_assert_uint_eq(j.friction.size(), 3);
+            const hdt::FrictionScore &line = j.friction[0], &cubic = j.friction[1], &stribeck = j.friction[2];
+            ck_assert(line.curve == "viscous" && cubic.curve == "cubic" && stribeck.curve == "stribeck");
+            ck_assert_double_le(stribeck.rms_nm, line.rms_nm);
+            if (bends) {
+                ck_assert_double_lt(stribeck.left_out_nm, cubic.left_out_nm);
+                ck_assert_double_lt(stribeck.left_out_nm, 0.95 * line.left_out_nm);
+                ck_assert_double_lt(stribeck.left_out_nm, 1.1 * floor_nm(t, 200));
+            } else {
+                ck_assert_double_lt(line.bic, cubic.bic);
+                ck_assert_double_lt(line.bic, stribeck.bic);
+            }
+        }
+    }
+}
+END_TEST
+
 // Soft wind-up in the log: extra torque of the load, by direction, with kinks where the file has them.
 static const char *const stiffness_text =
     "stiffness.positive.slope = { value = [0.1, 1.0, 0.1], unit = \"N m/N m\", sigma = [0, 0, 0], source = \"TEST\", side = \"output\" }\n"
@@ -710,6 +738,7 @@ static Suite *ident_suite(void)
     tcase_add_test(honest, test_one_direction_leaves_the_other_as_the_file_has_it);
     tcase_add_test(honest, test_what_the_motion_does_not_excite_is_kept);
     tcase_add_test(honest, test_a_term_that_is_not_there_is_not_invented);
+    tcase_add_test(honest, test_friction_curves_are_told_apart);
     tcase_add_test(honest, test_stiffness_lines_are_fitted_where_loads_span_them_and_dropped_where_refuted);
     tcase_add_test(honest, test_a_fall_the_loads_enter_but_do_not_leave_is_fitted_and_held_beyond_them);
     tcase_add_test(honest, test_stiffness_that_does_harm_is_taken_out_though_loads_stay_on_one_line);
