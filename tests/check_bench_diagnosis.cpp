@@ -191,6 +191,15 @@ START_TEST(test_judgement)
     ck_assert(dry_spot(answer("named", {"payload"})).wrong);
     // in one run of eight even the right word is wrong: it is no property of the joint
     ck_assert(score(outcome(Group::Part, {"brake_drag"}, answer("named", {"temperature"}))).wrong);
+    Answer pushed = answer("nothing", {});
+    pushed.event_runs = {"somewhere/run2.csv"};
+    Outcome part = outcome(Group::Part, {"contact"}, pushed);
+    part.c.only_run = 2;
+    ck_assert(score(part).located);
+    part.answer[1].event_runs.push_back("somewhere/run4.csv");
+    ck_assert(!score(part).located);
+    part.answer[1].event_runs.clear();
+    ck_assert(!score(part).located);
 
     const auto two = [](const Answer &a) { return score(outcome(Group::Two, {"inertia", "presliding"}, a)); };
     ck_assert(two(answer("named", {"presliding", "inertia"})).first);

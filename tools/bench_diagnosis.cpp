@@ -108,6 +108,8 @@ Answer read_answer(const nlohmann::json &j)
     a.refit_nm = j.at("rms_refit_nm").get<double>();
     a.after_nm = j.at("rms_after_nm").get<double>();
     a.ambiguous = j.at("ambiguous_with").get<std::vector<std::string>>();
+    for (const auto &e : j.value("events", nlohmann::json::array()))
+        a.event_runs.push_back(e.at("run").get<std::string>());
     for (const auto &e : j.at("effects")) {
         const std::string id = e.at("id").get<std::string>();
         if (id == "unnamed")
@@ -223,6 +225,9 @@ Score score(const Outcome &o)
 {
     Score s;
     const Answer &a = o.answer.at(static_cast<std::size_t>(o.c.joint - 1));
+    const std::string run = "run" + std::to_string(o.c.only_run) + ".csv";
+    const auto there = [&run](const std::string &path) { return path.substr(path.find_last_of('/') + 1) == run; };
+    s.located = !a.event_runs.empty() && std::all_of(a.event_runs.begin(), a.event_runs.end(), there);
     s.detected = a.verdict == "named" || a.verdict == "unnamed";
     if (!s.detected)
         return s;

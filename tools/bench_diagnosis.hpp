@@ -55,6 +55,7 @@ const std::vector<std::string> &noise_families(); // "plain" first: the healthy 
 struct Answer {
     std::string verdict;                       // named, unnamed, suspect, nothing; empty: left out
     std::vector<std::string> names, axes, ambiguous;
+    std::vector<std::string> event_runs;       // files of which a part is called an event
     double floor_nm = 0, before_nm = 0, refit_nm = 0, after_nm = 0;
 };
 // Of a diagnosis.json; throws InputError naming the key that is missing.  One entry per joint, 1..joints.
@@ -78,6 +79,7 @@ struct Score {
     bool wrong = false;              // a name, and the right one not even in the set
     bool extra = false;              // a further name beside the right one
     bool axis = false;               // the right axis, or the right name
+    bool located = false;            // Part: an event in the run it is in, and in no other
 };
 Score score(const Outcome &o);
 // The rho that was wanted, within a factor of 1.5: what is further off counts for nothing at that rho.

@@ -178,6 +178,8 @@ void other_targets(const std::vector<Outcome> &all, Targets *t)
     const Cases part = pick(all, [](const Outcome &o) { return o.c.group == Group::Part; });
     t->most("in one run of eight only: named", count(part, wrong_name),
             static_cast<int>(part.size()), 0);
+    t->least("in one run of eight only: found there and left out of the fit",
+             count(part, [](const Outcome &o) { return score(o).located; }), static_cast<int>(part.size()), 0.8);
     const Cases two = pick(all, [](const Outcome &o) { return o.c.group == Group::Two; });
     t->least("two effects on one joint: both in the printed set",
              count(two, in_set), static_cast<int>(two.size()), 0.9);
