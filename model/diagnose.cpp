@@ -35,6 +35,7 @@ constexpr double kClearFall = 0.95;        // of the held-out error, best withou
 constexpr double kWorseThanRefit = 1.5;    // its square, against friction fitted again
 constexpr double kUnnamedFall = 0.03;      // what no effect explains must be worth a table
 constexpr double kFewRunsFall = 0.15;      // of the held-out error, where few runs may name
+constexpr double kOverGate = 1.3;          // a detection limit, over what the gates ask for at least
 constexpr double kSeparates = 0.3;         // of the noise floor, rms over a run
 constexpr int kEventPasses = 3;            // the last only fits
 constexpr double kPiece_s = 20;
@@ -508,7 +509,9 @@ void detection_limits(const JointWork &w, const Gates &gates, JointDiagnosis *d)
         const double info = plain.llt().solve(p.a).trace() / k;
         if (!(info > 0) || !(p.plain_a.trace() > 0))
             continue;
-        d->detection_limit_nm.emplace_back(f.id, std::max(w.gate_nm, std::sqrt(4 * (need + 2 * std::sqrt(need)) / info)));
+        // the gates ask for a size of their own, and for most of it in runs left out
+        const double gate_nm = kOverGate * w.gate_nm * (f.adoptable() ? 1 : gates.loose_share);
+        d->detection_limit_nm.emplace_back(f.id, std::max(gate_nm, std::sqrt(4 * (need + 2 * std::sqrt(need)) / info)));
     }
 }
 
