@@ -708,7 +708,7 @@ double rival(const JointWork &w, const std::string &id, double gain, std::vector
             continue;
         if (s.passes)
             best = std::max(best, s.gain.total);
-        if (f.named() && s.plausible && s.gain.total > 0 && tied(s.gain.total, gain))
+        if (f.named() && s.plausible && s.gain.total > 0 && tied(s.gain.total, gain, kSetShare))
             ambiguous->push_back(f.id);
     }
     return best;
