@@ -725,17 +725,27 @@ std::vector<const Gram *> pointers(const std::vector<Gram> &g)
     return out;
 }
 
-ChainFit fit_chain(std::vector<Gram> grams)
+// Products of all joints over some runs, each by how far it is trusted.
+void chain_products(const std::vector<Gram> &grams, const std::vector<double> &trust, const RunSet &use, MatrixXd *a,
+                    VectorXd *b)
+{
+    *a = MatrixXd::Zero(grams[0].columns, grams[0].columns);
+    *b = VectorXd::Zero(grams[0].columns);
+    for (std::size_t j = 0; j < grams.size(); ++j) {
+        const Projected p = project(grams[j], use);
+        *a += trust[j] * p.a;
+        *b += trust[j] * p.b;
+    }
+}
+
+ChainFit fit_chain(std::vector<Gram> grams, const std::vector<double> &trust)
 {
     ChainFit f;
     const std::size_t runs = grams[0].weighted.size();
-    MatrixXd a = grams[0].prior;
-    VectorXd b = VectorXd::Zero(grams[0].columns);
-    for (const Gram &g : grams) {
-        const Projected p = project(g, all_runs(runs));
-        a += p.a;
-        b += p.b;
-    }
+    MatrixXd a;
+    VectorXd b;
+    chain_products(grams, trust, all_runs(runs), &a, &b);
+    a += grams[0].prior;
     a.diagonal().array() += 1e-12;
     const Eigen::LLT<MatrixXd> fac(a);
     f.theta = fac.solve(b);
@@ -746,11 +756,10 @@ ChainFit fit_chain(std::vector<Gram> grams)
     for (std::size_t r = 0; r < runs; ++r) {
         RunSet only(runs, 0);
         only[r] = 1;
-        VectorXd s = VectorXd::Zero(a.rows());
-        for (const Gram &g : grams) {
-            const Projected p = project(g, only);
-            s += p.b - p.a * f.theta;
-        }
+        MatrixXd here;
+        VectorXd s;
+        chain_products(grams, trust, only, &here, &s);
+        s -= here * f.theta;
         meat += s * s.transpose();
     }
     const VectorXd robust = (f.covariance * meat * f.covariance).diagonal();
@@ -760,13 +769,10 @@ ChainFit fit_chain(std::vector<Gram> grams)
     for (std::size_t r = 0; r < runs; ++r) {
         RunSet use(runs, 1);
         use[r] = 0;
-        MatrixXd part = grams[0].prior;
-        VectorXd right = VectorXd::Zero(a.rows());
-        for (const Gram &g : grams) {
-            const Projected p = project(g, use);
-            part += p.a;
-            right += p.b;
-        }
+        MatrixXd part;
+        VectorXd right;
+        chain_products(grams, trust, use, &part, &right);
+        part += grams[0].prior;
         part.diagonal().array() += 1e-12;
         left_out.col(static_cast<Index>(r)) = part.llt().solve(right);
     }
@@ -776,6 +782,28 @@ ChainFit fit_chain(std::vector<Gram> grams)
     }
     f.grams = std::move(grams);
     return f;
+}
+
+// Its numbers once more, each joint trusted by how well what it says alone agrees with what all say.  A wrist's
+// noise is small, and what else a payload does there (wind-up, loss) would decide for the whole arm.
+void trust_by_agreement(ChainFit *f)
+{
+    constexpr int rounds = 8;
+    const RunSet all = all_runs(f->grams[0].weighted.size());
+    const double numbers = static_cast<double>(f->theta.size());
+    for (int round = 0; round < rounds; ++round) {
+        std::vector<double> trust;
+        for (const Gram &g : f->grams) {
+            const Projected p = project(g, all);
+            MatrixXd a = p.a + g.prior;
+            a.diagonal().array() += 1e-12;
+            const VectorXd apart = a.llt().solve(p.b) - f->theta;
+            trust.push_back(std::min(1.0, numbers / std::max(apart.dot(p.a * apart), 1e-12)));
+        }
+        const ChainFit again = fit_chain(f->grams, trust);
+        f->theta = again.theta;
+        f->covariance = again.covariance;
+    }
 }
 
 // Does it stand against what each joint would say alone?
@@ -834,7 +862,7 @@ ChainScore weigh_chain(const std::vector<std::unique_ptr<JointWork>> &joints, co
         for (const auto &w : joints)
             g.push_back(w->gram(*family(*w), at));
         log_e.push_back(split_log_e(pointers(g), splits));
-        ChainFit f = fit_chain(std::move(g));
+        ChainFit f = fit_chain(std::move(g), std::vector<double>(joints.size(), 1));
         if (first.plausible && !first.plausible(f.theta))
             continue;
         const double size = static_cast<double>(f.theta.size());
@@ -849,6 +877,7 @@ ChainScore weigh_chain(const std::vector<std::unique_ptr<JointWork>> &joints, co
     best.p_adjusted = std::exp(std::min(0.0, std::log(tried) - best.log_e));
     if (!kept)
         return best;
+    trust_by_agreement(&*kept);
     best.theta = kept->theta;
     best.covariance = kept->covariance;
     best.gain = leave_one_run_out(pointers(kept->grams));
