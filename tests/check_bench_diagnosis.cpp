@@ -6,15 +6,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <filesystem>
 #include <fstream>
 #include <set>
 #include <string>
 
 #include <nlohmann/json.hpp>
-#include <unistd.h>
 
 #include "model/arm_file.hpp"
+#include "tests/scratch.hpp"
 #include "tools/bench_diagnosis.hpp"
 #include "tools/hdt_effects.hpp"
 #include "tests/check_main.h" // last: check.h defines words the C++ headers use
@@ -278,8 +277,7 @@ END_TEST
 // has nothing, and the logs the diagnosis is given do not say what is in them.
 START_TEST(test_round_of_the_bench)
 {
-    char dir[] = "/tmp/check_bench_diagnosisXXXXXX";
-    ck_assert_ptr_nonnull(mkdtemp(dir));
+    const std::string dir = scratch_dir();
     const char *build = std::getenv("BUILD");
     Place place;
     place.hdt = std::string(build ? build : "build") + "/hdt";
@@ -314,11 +312,10 @@ START_TEST(test_round_of_the_bench)
     ck_assert_double_eq(some.oracle_nm, none.answer[3].refit_nm);
     ck_assert_double_gt(some.answer[3].before_nm, 1.5 * some.oracle_nm);
     ck_assert_double_gt(recovered(some), 0.8);
-    const std::string log = slurp(std::string(dir) + "/case-spring/run0.csv");
+    const std::string log = slurp(dir + "/case-spring/run0.csv");
     ck_assert_uint_gt(log.size(), 1000000);
     ck_assert(log.find("spring") == std::string::npos && log.find("effect") == std::string::npos);
-    ck_assert_uint_gt(slurp(std::string(dir) + "/page.md").size(), 1000);
-    std::filesystem::remove_all(dir);
+    ck_assert_uint_gt(slurp(dir + "/page.md").size(), 1000);
 }
 END_TEST
 
