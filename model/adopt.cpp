@@ -16,8 +16,8 @@ using Eigen::VectorXd;
 
 namespace {
 
-constexpr const char *kSource = "hdt-diagnose";
-constexpr double kRestMax_rad = 3.2;
+constexpr const char *kSource = "hdt-diagnose", *kSourceWords = "hdt diagnose, from the logs given to it";
+constexpr double kRestMax_rad = 3.2, kTiltKnown_rad = 1;
 
 double sd(const MatrixXd &c, Eigen::Index k) { return std::sqrt(std::max(0.0, c(k, k))); }
 
@@ -85,6 +85,17 @@ std::vector<EffectParameter> vibration_parameters(const JointWork &w, const Foun
     const double n = static_cast<double>(runs), mean = a.mean();
     const double scatter = std::sqrt((a.array() - mean).square().sum() / std::max(1.0, n - 1));
     return {{"frequency_hz", "Hz", f.at.x, f.x_sigma}, {"amplitude_nm", "N m", mean, scatter / std::sqrt(n)}};
+}
+
+// About an axis that changes no torque of these joints nothing is known.
+std::vector<EffectParameter> tilt_parameters(const Found &f)
+{
+    const char *const names[] = {"about_x_rad", "about_y_rad"};
+    std::vector<EffectParameter> out;
+    for (Eigen::Index k = 0; k < 2; ++k)
+        if (sd(f.chain_covariance, k) < kTiltKnown_rad)
+            out.push_back({names[k], "rad", (*f.chain_theta)[k], sd(f.chain_covariance, k)});
+    return out;
 }
 
 const char *const kGeneric[] = {"c1", "c2", "c3", "c4"};
@@ -213,6 +224,11 @@ std::vector<EffectParameter> effect_parameters(const hdt_arm &arm, const JointWo
             out.push_back({names[i], "m", p.com[i], p.com_sigma[i]});
         return out;
     }
+    if (f.chain_theta && id == "base_tilt")
+        return tilt_parameters(f);
+    if (f.chain_theta)
+        return {{"link", "1", static_cast<double>(f.at.kind + 1), 0},
+                {"share", "1", (*f.chain_theta)[0], sd(f.chain_covariance, 0)}};
     const double scale = id == "torque_gain" ? 1 : gain_scale(w, e);
     const VectorXd th = scale * e.theta[k];
     const MatrixXd cov = scale * scale * e.covariance[k];
@@ -256,6 +272,8 @@ std::vector<EffectParameter> effect_parameters(const hdt_arm &arm, const JointWo
         return {{"joint", "1", static_cast<double>(f.at.kind + 1), 0},
                 f.at.x > 0.5 ? EffectParameter{"share", "1", th[0], sd(cov, 0)}
                              : EffectParameter{"inertia_kgm2", "kg m^2", th[0], sd(cov, 0)}};
+    if (id == "link_mass")
+        return {{"first_moment_x_kgm", "kg m", th[0], sd(cov, 0)}, {"first_moment_y_kgm", "kg m", th[1], sd(cov, 1)}};
     std::vector<EffectParameter> out;
     for (Eigen::Index i = 0; i < std::min<Eigen::Index>(th.size(), 4); ++i)
         out.push_back({kGeneric[i], "N m per column", th[i], sd(cov, i)});
@@ -278,7 +296,7 @@ std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &
     const double scale = gain_scale(w, e);
     VectorXd friction = scale * e.friction;
     std::string refused;
-    file->set_text(std::string("sources.") + kSource, "hdt diagnose, from the logs given to it");
+    file->set_text(std::string("sources.") + kSource, kSourceWords);
     for (std::size_t k = 0; k < w.found.size(); ++k) {
         const std::string &id = w.found[k].family.id;
         if (w.found[k].chain_theta)
@@ -300,22 +318,30 @@ std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &
             friction[1] += c.value;
         }
     }
+    const std::string words = refused.empty() ? "" : "the model file has no term for " + refused + "; it is not adopted";
+    // friction fitted beside what the file cannot hold is right only beside it
+    if (refused.empty() && !(friction.isZero() && arm.joint[w.joint].has_friction))
+        adopt_friction(file, w, friction, scale * e.friction_sigma);
+    return words;
+}
+
+void adopt_friction(ArmFile *file, const JointWork &w, const VectorXd &change, const VectorXd &sigma)
+{
     double v_max = 0;
     for (const BlockRows &b : w.fit)
         v_max = b.size() > 0 ? std::max(v_max, b.v.cwiseAbs().maxCoeff()) : v_max;
-    // friction fitted beside what the file cannot hold is right only beside it
-    if (!refused.empty() || (friction.isZero() && arm.joint[w.joint].has_friction))
-        return refused.empty() ? "" : "the model file has no term for " + refused + "; it is not adopted";
-    write_friction(out, arm.joint[w.joint], friction, scale * e.friction_sigma, v_max);
-    return refused.empty() ? "" : "the model file has no term for " + refused + "; it is not adopted";
+    file->set_text(std::string("sources.") + kSource, kSourceWords);
+    write_friction({file, "joint." + std::to_string(w.joint + 1)}, file->arm().joint[w.joint], change, sigma, v_max);
 }
+
+namespace {
 
 std::string adopt_payload(ArmFile *file, const Found &payload)
 {
     const Payload p = whole_payload(file->arm(), payload);
     if (!(p.mass > 0))
         return "the payload would have a mass of " + std::to_string(p.mass) + " kg; it is not adopted";
-    file->set_text(std::string("sources.") + kSource, "hdt diagnose, from the logs given to it");
+    file->set_text(std::string("sources.") + kSource, kSourceWords);
     Quantity mass, com;
     mass.value = {p.mass};
     mass.sigma = {p.mass_sigma};
@@ -327,6 +353,57 @@ std::string adopt_payload(ArmFile *file, const Found &payload)
     file->set("payload.mass", mass);
     file->set("payload.com", com);
     return "";
+}
+
+std::string adopt_tilt(ArmFile *file, const Found &tilt)
+{
+    const hdt_arm arm = file->arm();
+    const Vector3d before = Eigen::Map<const Vector3d>(arm.gravity_mps2);
+    const Vector3d level = Vector3d((*tilt.chain_theta)[0], (*tilt.chain_theta)[1], 0).cross(before);
+    // what was fitted is the part across gravity; the part along it shrinks by as much as the length asks
+    const double across = std::min(level.norm(), before.norm());
+    const Vector3d after = level * (level.norm() > 0 ? across / level.norm() : 0)
+                           + before * std::sqrt(1 - std::pow(across / before.norm(), 2));
+    Quantity g;
+    g.value = {after[0], after[1], after[2]};
+    double sigma = 0;
+    for (const EffectParameter &p : tilt_parameters(tilt))
+        sigma = std::max(sigma, before.norm() * p.sigma);
+    g.sigma = {sigma, sigma, sigma};
+    g.unit = "m/s^2";
+    g.source = kSource;
+    file->set_text(std::string("sources.") + kSource, kSourceWords);
+    file->set("base.gravity", g);
+    return "";
+}
+
+// Centre of mass stays; inertia grows with the mass.
+std::string adopt_link(ArmFile *file, const Found &heavier)
+{
+    const std::string link = "joint." + std::to_string(heavier.at.kind + 1) + ".link.";
+    const double share = (*heavier.chain_theta)[0], sigma = sd(heavier.chain_covariance, 0);
+    file->set_text(std::string("sources.") + kSource, kSourceWords);
+    for (const char *key : {"mass", "inertia", "first_moment", "inertia_origin"}) {
+        if (!file->has(link + key))
+            continue;
+        Quantity q = file->get(link + key);
+        q.sigma.clear();
+        for (double &x : q.value) {
+            q.sigma.push_back(sigma * std::abs(x));
+            x *= 1 + share;
+        }
+        q.source = kSource;
+        file->set(link + key, q);
+    }
+    return "";
+}
+
+} // namespace
+
+std::string adopt_chain(ArmFile *file, const Found &effect)
+{
+    const std::string &id = effect.family.id;
+    return id == "payload" ? adopt_payload(file, effect) : id == "base_tilt" ? adopt_tilt(file, effect) : adopt_link(file, effect);
 }
 
 } // namespace hdt

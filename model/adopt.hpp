@@ -30,9 +30,12 @@ EffectParameter offset_parameter(const JointWork &w, const JointEstimate &e);
 std::vector<EffectParameter> effect_parameters(const hdt_arm &arm, const JointWork &w, const JointEstimate &e,
                                                std::size_t k);
 // All found effects of a joint, with the friction fitted beside them.  Returns what could not be
-// written, in words; empty when all was.  Chain effects are left to adopt_payload.
+// written, in words; empty when all was.  Chain effects are left to adopt_chain.
 std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &e);
-// Mass and first moment on top of the declared payload; words as above.
-std::string adopt_payload(ArmFile *file, const Found &payload);
+// Coulomb and viscous friction on top of the declared one, as nuisance_columns, and nothing else.
+void adopt_friction(ArmFile *file, const JointWork &w, const Eigen::VectorXd &change, const Eigen::VectorXd &sigma);
+// What concerns the whole arm: a payload's mass and first moment on top of the declared one, gravity as it lies in
+// the tilted base's frame, a link's mass and inertia.  Words as above.
+std::string adopt_chain(ArmFile *file, const Found &effect);
 
 } // namespace hdt

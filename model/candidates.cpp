@@ -587,8 +587,7 @@ double reducible_rms(const std::vector<BlockRows> &rows, const std::function<Vec
         xx += x.squaredNorm();
         count += static_cast<double>(x.size());
     }
-    nn.diagonal().array() += 1e-9 * nn.diagonal().maxCoeff() + 1e-12;
-    return std::sqrt(std::max(0.0, xx - nx.dot(nn.llt().solve(nx))) / std::max(count, 1.0));
+    return std::sqrt(std::max(0.0, xx - nx.dot(ridged(nn).llt().solve(nx))) / std::max(count, 1.0));
 }
 
 double left_out_rms(const Gram &g, Index first, Index ignored, Index count)
@@ -603,11 +602,8 @@ double left_out_rms(const Gram &g, Index first, Index ignored, Index count)
             if (use[s])
                 w += g.weighted[s];
         w.block(g.nuisances, g.nuisances, g.columns, g.columns) += g.prior;
-        MatrixXd a = w.block(first, first, free, free);
-        if (free > 0)
-            a.diagonal().array() += 1e-9 * a.diagonal().maxCoeff() + 1e-12;
         VectorXd coef = VectorXd::Zero(n + 1);
-        coef.segment(first, free) = -a.llt().solve(w.col(n).segment(first, free));
+        coef.segment(first, free) = -ridged(w.block(first, first, free, free)).llt().solve(w.col(n).segment(first, free));
         coef[n] = 1;
         coef.segment(ignored, count).setZero();
         sum += coef.dot(g.plain[r] * coef);
@@ -714,9 +710,6 @@ double rival(const JointWork &w, const std::string &id, double gain, std::vector
     return best;
 }
 
-// Shared numbers of a chain effect at one point of its grid.
-struct ChainFit { VectorXd theta; MatrixXd covariance; double llr = 0; std::vector<Gram> grams; };
-
 std::vector<const Gram *> pointers(const std::vector<Gram> &g)
 {
     std::vector<const Gram *> out;
@@ -725,61 +718,39 @@ std::vector<const Gram *> pointers(const std::vector<Gram> &g)
     return out;
 }
 
-// Products of all joints over some runs, each by how far it is trusted.
-void chain_products(const std::vector<Gram> &grams, const std::vector<double> &trust, const RunSet &use, MatrixXd *a,
-                    VectorXd *b)
+// Normal equations of one set of numbers over some runs of all joints, each joint by how far it is trusted.
+struct ChainProducts { MatrixXd a; VectorXd b; };
+
+ChainProducts sum_of(const std::vector<Projected> &joints, const std::vector<double> &trust)
 {
-    *a = MatrixXd::Zero(grams[0].columns, grams[0].columns);
-    *b = VectorXd::Zero(grams[0].columns);
-    for (std::size_t j = 0; j < grams.size(); ++j) {
-        const Projected p = project(grams[j], use);
-        *a += trust[j] * p.a;
-        *b += trust[j] * p.b;
+    ChainProducts out{MatrixXd::Zero(joints[0].a.rows(), joints[0].a.cols()), VectorXd::Zero(joints[0].b.size())};
+    for (std::size_t j = 0; j < joints.size(); ++j) {
+        out.a += trust[j] * joints[j].a;
+        out.b += trust[j] * joints[j].b;
     }
+    return out;
 }
 
-ChainFit fit_chain(std::vector<Gram> grams, const std::vector<double> &trust)
+std::vector<Projected> projections(const std::vector<Gram> &grams, const RunSet &use)
+{
+    std::vector<Projected> out;
+    for (const Gram &g : grams)
+        out.push_back(project(g, use));
+    return out;
+}
+
+VectorXd solved(const ChainProducts &p, const MatrixXd &prior) { return ridged(p.a + prior).llt().solve(p.b); }
+
+// Shared numbers of a chain effect at one point of its grid.
+struct ChainFit { VectorXd theta; double llr = 0; std::vector<Gram> grams; std::vector<double> trust; };
+
+ChainFit fit_chain(std::vector<Gram> grams)
 {
     ChainFit f;
-    const std::size_t runs = grams[0].weighted.size();
-    MatrixXd a;
-    VectorXd b;
-    chain_products(grams, trust, all_runs(runs), &a, &b);
-    a += grams[0].prior;
-    a.diagonal().array() += 1e-12;
-    const Eigen::LLT<MatrixXd> fac(a);
-    f.theta = fac.solve(b);
-    f.llr = 0.5 * f.theta.dot(b);
-    f.covariance = fac.solve(MatrixXd::Identity(a.rows(), a.cols()));
-    // variance from the scatter of the runs where that is larger
-    MatrixXd meat = MatrixXd::Zero(a.rows(), a.cols());
-    for (std::size_t r = 0; r < runs; ++r) {
-        RunSet only(runs, 0);
-        only[r] = 1;
-        MatrixXd here;
-        VectorXd s;
-        chain_products(grams, trust, only, &here, &s);
-        s -= here * f.theta;
-        meat += s * s.transpose();
-    }
-    const VectorXd robust = (f.covariance * meat * f.covariance).diagonal();
-    const VectorXd grow = (robust.array() / f.covariance.diagonal().array()).max(1.0).sqrt();
-    f.covariance = grow.asDiagonal() * f.covariance * grow.asDiagonal();
-    MatrixXd left_out(a.rows(), static_cast<Index>(runs));
-    for (std::size_t r = 0; r < runs; ++r) {
-        RunSet use(runs, 1);
-        use[r] = 0;
-        MatrixXd part;
-        VectorXd right;
-        chain_products(grams, trust, use, &part, &right);
-        part += grams[0].prior;
-        part.diagonal().array() += 1e-12;
-        left_out.col(static_cast<Index>(r)) = part.llt().solve(right);
-    }
-    if (runs > 1) {
-        const VectorXd more = (jackknife_variance(left_out).array() / f.covariance.diagonal().array()).max(1.0).sqrt();
-        f.covariance = more.asDiagonal() * f.covariance * more.asDiagonal();
-    }
+    f.trust.assign(grams.size(), 1);
+    const ChainProducts p = sum_of(projections(grams, all_runs(grams[0].weighted.size())), f.trust);
+    f.theta = solved(p, grams[0].prior);
+    f.llr = 0.5 * f.theta.dot(p.b);
     f.grams = std::move(grams);
     return f;
 }
@@ -789,21 +760,41 @@ ChainFit fit_chain(std::vector<Gram> grams, const std::vector<double> &trust)
 void trust_by_agreement(ChainFit *f)
 {
     constexpr int rounds = 8;
-    const RunSet all = all_runs(f->grams[0].weighted.size());
+    const MatrixXd &prior = f->grams[0].prior;
+    const std::vector<Projected> joints = projections(f->grams, all_runs(f->grams[0].weighted.size()));
     const double numbers = static_cast<double>(f->theta.size());
     for (int round = 0; round < rounds; ++round) {
-        std::vector<double> trust;
-        for (const Gram &g : f->grams) {
-            const Projected p = project(g, all);
-            MatrixXd a = p.a + g.prior;
-            a.diagonal().array() += 1e-12;
-            const VectorXd apart = a.llt().solve(p.b) - f->theta;
-            trust.push_back(std::min(1.0, numbers / std::max(apart.dot(p.a * apart), 1e-12)));
+        for (std::size_t j = 0; j < joints.size(); ++j) {
+            const VectorXd apart = solved({joints[j].a, joints[j].b}, f->grams[j].prior) - f->theta;
+            f->trust[j] = std::min(1.0, numbers / std::max(apart.dot(joints[j].a * apart), 1e-12));
         }
-        const ChainFit again = fit_chain(f->grams, trust);
-        f->theta = again.theta;
-        f->covariance = again.covariance;
+        f->theta = solved(sum_of(joints, f->trust), prior);
     }
+}
+
+// Of the numbers, no less than what the runs scatter, one by one and left out.
+MatrixXd chain_covariance(const ChainFit &f)
+{
+    const std::size_t runs = f.grams[0].weighted.size();
+    const Index n = f.theta.size();
+    const MatrixXd &prior = f.grams[0].prior;
+    const ChainProducts all = sum_of(projections(f.grams, all_runs(runs)), f.trust);
+    MatrixXd covariance = ridged(all.a + prior).llt().solve(MatrixXd::Identity(n, n));
+    MatrixXd meat = MatrixXd::Zero(n, n), left_out(n, static_cast<Index>(runs));
+    for (std::size_t r = 0; r < runs; ++r) {
+        RunSet only(runs, 0), others(runs, 1);
+        only[r] = 1;
+        others[r] = 0;
+        const ChainProducts one = sum_of(projections(f.grams, only), f.trust);
+        const VectorXd s = one.b - one.a * f.theta;
+        meat += s * s.transpose();
+        left_out.col(static_cast<Index>(r)) = solved(sum_of(projections(f.grams, others), f.trust), prior);
+    }
+    VectorXd variance = (covariance * meat * covariance).diagonal();
+    if (runs > 1)
+        variance = variance.cwiseMax(jackknife_variance(left_out));
+    const VectorXd grow = (variance.array() / covariance.diagonal().array()).max(1.0).sqrt();
+    return grow.asDiagonal() * covariance * grow.asDiagonal();
 }
 
 // Does it stand against what each joint would say alone?
@@ -824,7 +815,7 @@ void judge_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const Ga
         for (const Score &s : w.scores)
             simpler_ties = simpler_ties || (s.passes && w.families[s.family].named() && !w.families[s.family].chain
                                             && tied(s.gain.total, c->gain[j].total)
-                                            && w.families[s.family].columns(w.fit[0], s.at).cols() < c->theta.size());
+                                            && w.families[s.family].columns(w.fit[0], s.at).cols() < std::max<Index>(c->theta.size(), 2));
         mine += c->gain[j].total;
         plain += c->gain[j].plain_total;
         others += r;
@@ -834,9 +825,10 @@ void judge_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const Ga
     const double sure = std::abs(c->theta[0]) / std::sqrt(std::max(c->covariance(0, 0), 1e-300));
     const double wald = c->theta.dot(c->covariance.ldlt().solve(c->theta)) / static_cast<double>(c->theta.size());
     c->passes = large > 0 && (c->id == "payload" ? sure >= 3 : wald >= 9) && c->p_adjusted <= gates.alpha && better >= gates.min_runs && plain > 0 && mine > 0
-                && mine >= kAdequate * others
-                // one joint alone does not speak for a chain when fewer numbers say the same
+                && mine >= (large == 1 ? kTieShare : kAdequate) * others
+                // one joint alone does not speak for a chain when no more numbers say the same
                 && !(large == 1 && simpler_ties);
+    c->total = mine;
 }
 
 } // namespace
@@ -846,7 +838,7 @@ ChainScore weigh_chain(const std::vector<std::unique_ptr<JointWork>> &joints, co
     ChainScore best;
     best.id = id;
     const auto family = [&](const JointWork &w) {
-        return std::find_if(w.families.begin(), w.families.end(), [&](const Family &f) { return f.id == id; });
+        return std::find_if(w.families.begin(), w.families.end(), [&](const Family &f) { return f.id == id && f.chain; });
     };
     for (const auto &w : joints)
         if (family(*w) == w->families.end())
@@ -862,7 +854,7 @@ ChainScore weigh_chain(const std::vector<std::unique_ptr<JointWork>> &joints, co
         for (const auto &w : joints)
             g.push_back(w->gram(*family(*w), at));
         log_e.push_back(split_log_e(pointers(g), splits));
-        ChainFit f = fit_chain(std::move(g), std::vector<double>(joints.size(), 1));
+        ChainFit f = fit_chain(std::move(g));
         if (first.plausible && !first.plausible(f.theta))
             continue;
         const double size = static_cast<double>(f.theta.size());
@@ -879,7 +871,7 @@ ChainScore weigh_chain(const std::vector<std::unique_ptr<JointWork>> &joints, co
         return best;
     trust_by_agreement(&*kept);
     best.theta = kept->theta;
-    best.covariance = kept->covariance;
+    best.covariance = chain_covariance(*kept);
     best.gain = leave_one_run_out(pointers(kept->grams));
     for (const Gram &g : kept->grams)
         best.rms_nm.push_back(contribution_rms(g, kept->theta));

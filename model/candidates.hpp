@@ -124,6 +124,7 @@ struct ChainScore {
     Eigen::VectorXd theta;
     Eigen::MatrixXd covariance;
     std::vector<RunGain> gain;              // per joint
+    double total = 0;                       // of the joints that show it
     std::vector<double> rms_nm;             // per joint
     bool passes = false;
     std::vector<std::vector<std::string>> ambiguous; // per joint

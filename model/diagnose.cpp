@@ -11,6 +11,7 @@
 #include <cstdio>
 #include <functional>
 #include <numeric>
+#include <set>
 #include <thread>
 
 #include "model/adopt.hpp"
@@ -35,13 +36,16 @@ constexpr double kClearFall = 0.95;        // of the held-out error, best withou
 constexpr double kWorseThanRefit = 1.5;    // its square, against friction fitted again
 constexpr double kUnnamedFall = 0.03;      // what no effect explains must be worth a table
 constexpr double kFewRunsFall = 0.15;      // of the held-out error, where few runs may name
+constexpr double kSure = 9;                // three sigma from nothing, squared and per number
+constexpr double kChainTie = 0.98;         // of the evidence: within it the chain effect first in the list is taken
+constexpr double kChainShare = 0.15;       // of the floor: a chain effect's part worth a line on a joint
 constexpr double kOverGate = 1.3;          // a detection limit, over what the gates ask for at least
 constexpr double kSeparates = 0.3;         // of the noise floor, rms over a run
 constexpr int kEventPasses = 3;            // the last only fits
 constexpr double kPiece_s = 20;
 constexpr double kReversalGuard_s = 0.03;  // velocity estimate and gear wind-up settle within this
 constexpr double kReversalTravel_rad = 0.002; // lost motion and wind-up of a reversal: no term describes it to the end
-constexpr const char *kChainIds[] = {"payload", "base_tilt"};
+constexpr const char *kChainIds[] = {"payload", "base_tilt", "link_mass"}; // in order of preference
 
 using Works = std::vector<std::unique_ptr<JointWork>>;
 using RunBlocks = std::vector<std::vector<BlockRows>>; // [run][joint]
@@ -144,31 +148,35 @@ Found found_from(const JointWork &w, std::size_t family)
     return f;
 }
 
-// One chain effect, if it stands against every joint's own best explanation.
+// The chain effect that explains most, if one stands against every joint's own best explanation.
 bool take_chain(Works &works, const Gates &gates)
 {
-    for (const char *id : kChainIds) {
-        const auto has = [&](const Found &f) { return f.family.id == id; };
-        if (works.empty() || std::any_of(works[0]->found.begin(), works[0]->found.end(), has))
-            continue;
-        const ChainScore c = weigh_chain(works, id, gates);
-        if (!c.passes)
-            continue;
-        for (std::size_t j = 0; j < works.size(); ++j) {
-            JointWork &w = *works[j];
-            Found f;
-            f.family = *std::find_if(w.families.begin(), w.families.end(), [&](const Family &k) { return k.id == id; });
-            f.at = c.at;
-            f.chain_theta = c.theta;
-            f.chain_covariance = c.covariance;
-            f.ambiguous = c.ambiguous[j];
-            f.p_adjusted = c.p_adjusted;
-            w.found.push_back(std::move(f));
-            w.stale = true;
-        }
-        return true;
+    std::vector<ChainScore> scores(std::size(kChainIds));
+    parallel(scores.size(), [&](std::size_t k) {
+        const auto has = [&](const Found &f) { return f.family.id == kChainIds[k]; };
+        if (!works.empty() && std::none_of(works[0]->found.begin(), works[0]->found.end(), has))
+            scores[k] = weigh_chain(works, kChainIds[k], gates);
+    });
+    const ChainScore *best = nullptr;
+    for (const ChainScore &c : scores)
+        if (c.passes && (!best || c.total > best->total / kChainTie))
+            best = &c;
+    if (!best)
+        return false;
+    for (std::size_t j = 0; j < works.size(); ++j) {
+        JointWork &w = *works[j];
+        Found f;
+        f.family = *std::find_if(w.families.begin(), w.families.end(),
+                                 [&](const Family &k) { return k.id == best->id && k.chain; });
+        f.at = best->at;
+        f.chain_theta = best->theta;
+        f.chain_covariance = best->covariance;
+        f.ambiguous = best->ambiguous[j];
+        f.p_adjusted = best->p_adjusted;
+        w.found.push_back(std::move(f));
+        w.stale = true;
     }
-    return false;
+    return true;
 }
 
 // A joint's own effect; returns true when one was taken in.
@@ -348,8 +356,7 @@ void widen_by_place(const JointWork &w, JointEstimate *e)
                 sum += a[k];
                 right += b[k];
             }
-        sum.diagonal().array() += 1e-9 * sum.diagonal().maxCoeff() + 1e-12;
-        left_out.col(out) = sum.selfadjointView<Eigen::Lower>().llt().solve(right);
+        left_out.col(out) = ridged(sum).selfadjointView<Eigen::Lower>().llt().solve(right);
     }
     const VectorXd variance = jackknife_variance(left_out);
     Index at = kFriction - first + w.imperfection_columns();
@@ -382,7 +389,7 @@ bool prune(JointWork &w)
         if (w.found[k].chain_theta || w.found[k].family.own_phase)
             continue;
         const auto &possible = w.found[k].family.plausible;
-        if (wald(e, k) >= 9 && wald(wide, k) >= 4 && (!possible || possible(e.theta[k])))
+        if (wald(e, k) >= kSure && wald(wide, k) >= 4 && (!possible || possible(e.theta[k])))
             continue;
         w.found.erase(w.found.begin() + static_cast<std::ptrdiff_t>(k));
         w.stale = any = true;
@@ -504,9 +511,7 @@ void detection_limits(const JointWork &w, const Gates &gates, JointDiagnosis *d)
         const double k = static_cast<double>(g.columns);
         // a half of the runs must predict the other half well enough
         const double need = std::log(f.grid_count * static_cast<double>(w.families.size()) / gates.alpha) + k;
-        MatrixXd plain = p.plain_a / std::max(p.rows, 1.0);
-        plain.diagonal().array() += 1e-9 * plain.diagonal().maxCoeff() + 1e-15;
-        const double info = plain.llt().solve(p.a).trace() / k;
+        const double info = ridged(p.plain_a / std::max(p.rows, 1.0)).llt().solve(p.a).trace() / k;
         if (!(info > 0) || !(p.plain_a.trace() > 0))
             continue;
         // the gates ask for a size of their own, and for most of it in runs left out
@@ -621,8 +626,9 @@ std::vector<Candidate> list_candidates(const JointWork &w, const Gates &gates)
     return tried;
 }
 
-// What the selection of one joint started from.
-struct Start { std::vector<Candidate> tried; VectorXd refit; };
+// What the selection of one joint started from: friction fitted again and nothing else, and whether that is
+// more than runs scatter and helps in runs left out.
+struct Start { std::vector<Candidate> tried; VectorXd refit, refit_sigma; bool refit_stands = false; };
 
 // Effects whose contribution on this joint counts; chain effects may not reach every joint.
 void list_effects(const hdt_arm &arm, const JointWork &w, const JointEstimate &e, const Found &axis,
@@ -638,7 +644,8 @@ void list_effects(const hdt_arm &arm, const JointWork &w, const JointEstimate &e
                                    [&](const BlockRows &b) { return effect_nm(e, w, k, b); });
         out.p_adjusted = f.p_adjusted;
         out.parameters = effect_parameters(arm, w, e, k);
-        if (f.chain_theta && out.rms_nm < w.gate_nm)
+        // it is there for the whole chain: a joint that shows little of it says so only where that is much to it
+        if (f.chain_theta && out.rms_nm < kChainShare * w.floor_nm)
             continue;
         d->effects.push_back(std::move(out));
         for (const std::string &a : f.ambiguous)
@@ -747,6 +754,19 @@ void put_events(const std::vector<Event> &events, JointDiagnosis *d)
         d->words += " In part of a run only, left out of the fit and of the model: " + words + ".";
 }
 
+// Friction that has only grown or shrunk is no effect with a name, but costs as much.
+bool take_friction(const Start &start, JointDiagnosis *d)
+{
+    if (!start.refit_stands || !(d->rms_refit_nm < kClearFall * d->rms_before_nm))
+        return false;
+    d->friction_refitted = true;
+    d->rms_after_nm = d->rms_refit_nm;
+    d->words += text(" Its friction has changed: Coulomb %+.3g and %+.3g N.m", start.refit[0], start.refit[1])
+                + text(" (positive, negative), viscous %+.3g and %+.3g N.m.s/rad;", start.refit[2], start.refit[3])
+                + text(" with that in the model the held-out error is %.3g N.m.", d->rms_refit_nm);
+    return true;
+}
+
 struct Judged { JointDiagnosis d; JointEstimate e; bool adopt = false; };
 
 Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const Start &start, const Independent &runs,
@@ -783,9 +803,9 @@ Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const St
     put_words(runs.count, &d, doubt);
     HeldOut shown = h;
     if (d.verdict == "nothing" || d.verdict == "suspect") {
-        shown.after = h.before;
-        for (std::size_t r = 0; r < w.test.size(); ++r)
-            shown.after_by_run[r] = w.test[r].y_nm;
+        const bool taken = (runs.count >= kRunsMin || runs.may_name) && take_friction(start, &d);
+        shown.after = taken ? h.refit : h.before;
+        shown.after_by_run = taken ? h.refit_by_run : h.before_by_run;
     }
     pictures(w, shown, axis, &d);
     return out;
@@ -834,23 +854,21 @@ void check_options(const hdt_arm &arm, const std::vector<Run> &fit, const std::v
                 throw InputError(f.path + ": given both to fit and to test: a held-out run must not be fitted");
 }
 
-void adopt(ArmFile *model, const Works &works, std::vector<Judged> *judged)
+void adopt(ArmFile *model, const Works &works, const std::vector<Start> &start, std::vector<Judged> *judged)
 {
-    bool payload = false;
+    std::set<std::string> chain; // once for all joints
     for (std::size_t j = 0; j < works.size(); ++j) {
         Judged &g = (*judged)[j];
+        if (g.d.friction_refitted)
+            adopt_friction(model, *works[j], start[j].refit, start[j].refit_sigma);
         if (!g.adopt)
             continue;
         std::string refused = adopt_joint(model, *works[j], g.e);
-        for (Effect &e : g.d.effects) {
-            e.adopted = e.id != "unnamed" && refused.find(" " + e.id) == std::string::npos && e.id != "base_tilt";
-            if (e.id != "payload" || payload)
-                continue;
-            for (const Found &f : works[j]->found)
-                if (f.chain_theta && f.family.id == "payload")
-                    refused += adopt_payload(model, f);
-            payload = true;
-        }
+        for (Effect &e : g.d.effects)
+            e.adopted = e.id != "unnamed" && refused.find(" " + e.id) == std::string::npos;
+        for (const Found &f : works[j]->found)
+            if (f.chain_theta && chain.insert(f.family.id).second)
+                refused += adopt_chain(model, f);
         if (!refused.empty())
             g.d.words += " " + refused + ".";
     }
@@ -890,7 +908,13 @@ void find_effects(Works &works, const Gates &gates, std::vector<Start> *start, s
     parallel(works.size(), [&](std::size_t j) {
         works[j]->assess(gates);
         const Gram g = works[j]->evidence().gram({});
-        (*start)[j].refit = gls_fit(g, RunSet(g.weighted.size(), 1)).nuisance.head(kFriction);
+        MatrixXd cov;
+        Start &s = (*start)[j];
+        s.refit = fit_from(g, 0, &cov).nuisance.head(kFriction);
+        s.refit_sigma = cov.diagonal().head(kFriction).cwiseMax(0.0).cwiseSqrt();
+        const MatrixXd of_friction = cov.topLeftCorner(kFriction, kFriction);
+        s.refit_stands = s.refit.dot(of_friction.ldlt().solve(s.refit)) >= kSure * kFriction
+                         && left_out_rms(g) < left_out_rms(g, kFriction);
         (*start)[j].tried = list_candidates(*works[j], gates);
     });
     select(works, gates, axes);
@@ -942,7 +966,7 @@ Diagnosis diagnose(const ArmFile &arm, std::vector<Run> fit, std::vector<Run> te
     parallel(works.size(), [&](std::size_t j) {
         judged[j] = judge_joint(arm.arm(), *works[j], axes[j], start[j], runs, gates);
     });
-    adopt(&out.model, works, &judged);
+    adopt(&out.model, works, start, &judged);
     for (Judged &g : judged) {
         put_events(events, &g.d);
         out.joints.push_back(std::move(g.d));

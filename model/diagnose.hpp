@@ -51,9 +51,10 @@ struct JointDiagnosis {
     int joint;                      // 1-based
     std::string verdict;            // named, unnamed, suspect, nothing
     // Held-out runs only.  before: the model as given; refit: its Coulomb and viscous friction fitted
-    // to the fit runs; after: with the effects (unnamed: with its table).  floor: what the best
+    // to the fit runs; after: of the model written (unnamed: with its table).  floor: what the best
     // candidate of all, named or not, leaves on a run it was not fitted on.
     double noise_floor_nm, rms_before_nm, rms_refit_nm, rms_after_nm;
+    bool friction_refitted = false; // nothing adopted but friction fitted again: after is refit then
     std::vector<Effect> effects;
     std::vector<std::string> ambiguous_with;
     std::string next_experiment;

@@ -47,6 +47,7 @@ Json joint_json(const JointDiagnosis &d)
     j["rms_before_nm"] = d.rms_before_nm;
     j["rms_after_nm"] = d.rms_after_nm;
     j["rms_refit_nm"] = d.rms_refit_nm;
+    j["friction_refitted"] = d.friction_refitted;
     j["effects"] = Json::array();
     for (const Effect &e : d.effects)
         j["effects"].push_back(effect_json(e));
@@ -179,12 +180,12 @@ void write_diagnosis(const Diagnosis &d, const std::string &dir)
         rows.push_back({std::to_string(j.joint), j.verdict, joined(names), num(j.noise_floor_nm), num(j.rms_before_nm),
                         num(j.rms_refit_nm), num(j.rms_after_nm), joined(j.ambiguous_with)});
         good = good && (j.verdict == "nothing" || j.verdict == "named");
-        if (j.verdict != "nothing")
+        if (j.verdict != "nothing" || j.friction_refitted)
             first += (first.empty() ? "" : " ") + ("Joint " + std::to_string(j.joint) + ": " + j.words);
     }
     report.verdict(first.empty() ? "Nothing is missing that these runs could show." : first, good);
     report.table(rows, "Root mean square of the torque residual on held-out runs, N.m output side. before: the model as "
-                       "given; refit: Coulomb and viscous friction fitted again, nothing added; after: with the effects. "
+                       "given; refit: Coulomb and viscous friction fitted again, nothing added; after: the model written. "
                        "floor: what the best candidate of all, named or not, leaves on a fit run left out");
     for (const auto &[joint, why] : d.skipped)
         report.paragraph("Joint " + std::to_string(joint) + " is left out: " + why + ".");

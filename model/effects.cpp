@@ -33,7 +33,15 @@ constexpr double kLossMost = 0.9, kGainMost = 0.5, kAngleMost_rad = 0.2;
 constexpr double kTwoPi = 6.283185307179586;
 
 // Columns of the chain at each block's mean state, all joints at once.
-struct ChainColumns { std::vector<MatrixXd> body, own, tilt, mass; MatrixXd dgdq; };
+struct ChainColumns { std::vector<MatrixXd> body, own, link, tilt, mass; MatrixXd dgdq; };
+
+// Inertial numbers of a link in the regressor's order.
+Eigen::Matrix<double, 10, 1> declared(const hdt_arm_joint &j)
+{
+    Eigen::Matrix<double, 10, 1> out;
+    out << j.mass_kg, Eigen::Map<const Eigen::Vector3d>(j.moment_kgm), Eigen::Map<const Eigen::Matrix<double, 6, 1>>(j.inertia_kgm2);
+    return j.has_inertial ? out : Eigen::Matrix<double, 10, 1>::Zero();
+}
 
 void chain_at(const hdt_arm &arm, const VectorXd &q, const VectorXd &v, const VectorXd &a, Index row,
               ChainColumns *out)
@@ -60,6 +68,8 @@ void chain_at(const hdt_arm &arm, const VectorXd &q, const VectorXd &v, const Ve
         const auto k = static_cast<std::size_t>(j);
         out->body[k].row(row) = reg.block(j, reg.cols() - 10, 1, 4);
         out->own[k].row(row) = reg.block(j, 10 * j + 1, 1, 2);
+        for (Index l = j; l < q.size(); ++l)
+            out->link[k](row, l) = reg.block(j, 10 * l, 1, 10).row(0).dot(declared(arm.joint[l]));
         out->tilt[k](row, 0) = tilt[0][j];
         out->tilt[k](row, 1) = tilt[1][j];
         VectorXd up = q, down = q;
@@ -76,6 +86,7 @@ ChainColumns chain_columns(const hdt_arm &arm, const Conditioned &c)
     const auto joints = static_cast<std::size_t>(n);
     out.body.assign(joints, MatrixXd::Zero(blocks, 4));
     out.own.assign(joints, MatrixXd::Zero(blocks, 2));
+    out.link.assign(joints, MatrixXd::Zero(blocks, n));
     out.tilt.assign(joints, MatrixXd::Zero(blocks, 2));
     out.mass.assign(joints, MatrixXd::Zero(blocks, n));
     out.dgdq = MatrixXd::Zero(blocks, n);
@@ -277,6 +288,16 @@ void add_load_families(std::vector<Family> *out, const hdt_arm &arm, int joint, 
     const Signal slope = slope_of(arm.joint[joint]);
     add(out, "joint_offset", {q}, {{}}, [slope](const BlockRows &b, Point) -> MatrixXd { return slope(b); }, false,
         [](const VectorXd &th) { return std::abs(th[0]) < kAngleMost_rad; });
+    std::vector<Point> links;
+    for (int k = 0; k < arm.joints; ++k)
+        if (arm.joint[k].has_inertial && arm.joint[k].mass_kg > 0)
+            links.push_back({0, k});
+    if (!links.empty()) {
+        // a link heavier all over, which every joint before it feels
+        add(out, "link_mass", poses, links, [](const BlockRows &b, Point p) -> MatrixXd { return b.link.col(p.kind); },
+            false, [](const VectorXd &th) { return th[0] > -1; });
+        out->back().chain = true;
+    }
     add(out, "link_mass", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.own; });
     add(out, "base_tilt", poses, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.tilt; });
     out->back().chain = true;
@@ -415,8 +436,8 @@ BlockRows BlockRows::slice(Index begin, Index end) const
                         &BlockRows::dir, &BlockRows::travel, &BlockRows::gravity, &BlockRows::total,
                         &BlockRows::dgdq, &BlockRows::vibration, &BlockRows::built_up})
         s.*member = (this->*member).segment(begin, n).eval();
-    for (auto member : {&BlockRows::q_all, &BlockRows::a_all, &BlockRows::body, &BlockRows::own, &BlockRows::tilt,
-                        &BlockRows::mass, &BlockRows::late})
+    for (auto member : {&BlockRows::q_all, &BlockRows::a_all, &BlockRows::body, &BlockRows::own, &BlockRows::link,
+                        &BlockRows::tilt, &BlockRows::mass, &BlockRows::late})
         s.*member = (this->*member).middleRows(begin, n).eval();
     return s;
 }
@@ -431,8 +452,8 @@ BlockRows BlockRows::pick(const std::vector<Index> &rows) const
                         &BlockRows::dir, &BlockRows::travel, &BlockRows::gravity, &BlockRows::total,
                         &BlockRows::dgdq, &BlockRows::vibration, &BlockRows::built_up})
         s.*member = take(this->*member, rows);
-    for (auto member : {&BlockRows::q_all, &BlockRows::a_all, &BlockRows::body, &BlockRows::own, &BlockRows::tilt,
-                        &BlockRows::mass, &BlockRows::late})
+    for (auto member : {&BlockRows::q_all, &BlockRows::a_all, &BlockRows::body, &BlockRows::own, &BlockRows::link,
+                        &BlockRows::tilt, &BlockRows::mass, &BlockRows::late})
         s.*member = take(this->*member, rows);
     return s;
 }
@@ -497,6 +518,7 @@ std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c, cons
         b.a_all = c.block_means(j, accel);
         b.body = take(chain.body[k], b.block);
         b.own = take(chain.own[k], b.block);
+        b.link = take(chain.link[k], b.block);
         b.tilt = take(chain.tilt[k], b.block);
         b.dgdq = take(chain.dgdq.col(j), b.block);
         b.late = c.block_means(j, late_torque(total, c.dir.col(j), c.t_s));

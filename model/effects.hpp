@@ -31,6 +31,7 @@ struct BlockRows {
     Eigen::MatrixXd q_all, a_all;      // of every joint
     Eigen::MatrixXd body;              // d tau / d (m, mx, my, mz) of a body fixed to the flange
     Eigen::MatrixXd own;               // d tau / d (mx, my) of this joint's link
+    Eigen::MatrixXd link;              // d tau / d share by which each link is heavier than declared
     Eigen::MatrixXd tilt;              // d tau / d base tilt about x and y
     Eigen::VectorXd dgdq;              // d gravity / d own angle
     Eigen::MatrixXd mass;              // d tau / d acceleration of each joint, declared chain

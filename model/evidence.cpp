@@ -18,21 +18,13 @@ using Eigen::VectorXd;
 
 namespace {
 
-constexpr double kRidge = 1e-9;          // of each diagonal: rank-deficient designs are normal
+constexpr double kRidge = 1e-9;          // of each diagonal
 constexpr double kScatterMost = 2;
 constexpr Index kWanderKnotsMax = 80;
 // Share of white noise assumed beside whatever colour is found.  Lines that move with speed look
 // predictable to an autoregression; without this bound, whitening would trade the slow part, which is
 // what effects are made of, for the last digits of the fast part.
 constexpr double kWhiteShare = 0.15;
-
-MatrixXd ridged(MatrixXd a)
-{
-    // columns differ in size by orders of magnitude: each by its own
-    a.diagonal() *= 1 + kRidge;
-    a.diagonal().array() += 1e-300;
-    return a;
-}
 
 // X'X, upper triangle.
 MatrixXd squares(const MatrixXd &x)
@@ -192,6 +184,13 @@ std::vector<MatrixXd> joined_fixed(const std::vector<RunRows> &runs, const std::
 }
 
 } // namespace
+
+MatrixXd ridged(MatrixXd a)
+{
+    a.diagonal() *= 1 + kRidge;
+    a.diagonal().array() += 1e-300;
+    return a;
+}
 
 void set_random_effects(RunRows &rows, const VectorXd &t_s, const VectorXd &dir, const VectorXd &v_radps,
                         double wander_s)

@@ -42,6 +42,10 @@ struct NoiseModel {
     double information(double omega) const;
 };
 
+// Normal equations with a trace of ridge: rank-deficient designs are normal, and columns differ in size by
+// orders of magnitude, so each by its own diagonal.
+Eigen::MatrixXd ridged(Eigen::MatrixXd a);
+
 // Rows divided by the noise's colour; and the transpose of that map.
 Eigen::MatrixXd whiten(const NoiseModel &n, const std::vector<int> &lags, const Eigen::MatrixXd &x);
 Eigen::VectorXd whiten_adjoint(const NoiseModel &n, const std::vector<int> &lags, const Eigen::VectorXd &w);

@@ -110,7 +110,10 @@ Answer read_answer(const nlohmann::json &j)
     a.ambiguous = j.at("ambiguous_with").get<std::vector<std::string>>();
     for (const auto &e : j.value("events", nlohmann::json::array()))
         a.event_runs.push_back(e.at("run").get<std::string>());
+    const bool takes = a.verdict == "named" || a.verdict == "unnamed";
+    a.adopted = takes ? !j.at("effects").empty() : j.at("friction_refitted").get<bool>();
     for (const auto &e : j.at("effects")) {
+        a.adopted = a.adopted && (!takes || e.at("adopted").get<bool>());
         const std::string id = e.at("id").get<std::string>();
         if (id == "unnamed")
             a.axes.push_back(e.at("axis").get<std::string>());

@@ -495,17 +495,6 @@ void Rig::read_back(Outcome *o, const std::string &dir) const
     o->adopted_nm = back[static_cast<std::size_t>(o->c.joint - 1)].before_nm;
 }
 
-bool adopts(const Outcome &o)
-{
-    static const Text in_the_file = {"payload", "load_friction", "torque_gain", "cable_spring", "inertia",
-                                     "temperature", "presliding", "order_line"};
-    const Answer &a = o.answer[static_cast<std::size_t>(o.c.joint - 1)];
-    return (a.verdict == "named" || a.verdict == "unnamed") && !a.names.empty()
-           && std::all_of(a.names.begin(), a.names.end(), [](const std::string &n) {
-                  return std::find(in_the_file.begin(), in_the_file.end(), n) != in_the_file.end();
-              });
-}
-
 // Rho reached on every joint, over the held-out runs, or in the one run the effect is in.
 void Rig::measure(Outcome *o, const std::string &dir) const
 {
@@ -546,7 +535,7 @@ void Rig::one_case(const Case &c)
         o.answer = diagnose_set(dir, model_of(c.specimen));
         if (c.group != Group::Null) {
             measure(&o, dir);
-            if (adopts(o))
+            if (o.answer[static_cast<std::size_t>(o.c.joint - 1)].adopted)
                 read_back(&o, dir);
         }
     } catch (const std::exception &e) {
