@@ -257,6 +257,8 @@ std::vector<EffectParameter> effect_parameters(const hdt_arm &arm, const JointWo
         return {{"missing", "1", th[0], sd(cov, 0)}, {"knee_nm", "N m", f.at.x, f.x_sigma}};
     if (id == "torque_delay")
         return {{"delay_s", "s", f.at.x, f.x_sigma}, {"share", "1", th[0], sd(cov, 0)}};
+    if (id == "joint_offset")
+        return {{"angle_rad", "rad", f.at.x * th[0], std::abs(f.at.x) * sd(cov, 0)}};
     if (id == "local_friction")
         return {{"torque_nm", "N m", th[0], sd(cov, 0)},
                 {"at_rad", "rad", f.at.x, f.x_sigma},

@@ -23,6 +23,7 @@ constexpr double kHighestOrder = 600, kMotorOrders = 20;
 constexpr double kLoose = 5;
 constexpr double kStrongPower = 40;  // mean over runs; 2 is noise
 constexpr double kTie_nats = 5, kTieShare = 0.995, kAdequate = 0.9;
+constexpr double kSideband_rad = 0.05; // ripple read at an angle off by this has lines as far beside its own, times its order
 constexpr double kSetShare = 0.9;    // of the best one's evidence: printed as what it may be too
 
 RunSet all_runs(std::size_t n) { return RunSet(n, 1); }
@@ -61,11 +62,35 @@ bool is_excited(const Gram &g, const Projected &p)
     return false;
 }
 
+// The Gram without some of its nuisances.
+Gram without(const Gram &g, Index first, Index count)
+{
+    const Index n = g.nuisances + g.columns + 1, rest = n - first - count;
+    Gram out = g;
+    out.nuisances -= count;
+    for (auto *list : {&out.weighted, &out.plain})
+        for (MatrixXd &m : *list) {
+            MatrixXd less(n - count, n - count);
+            less << m.topLeftCorner(first, first), m.topRightCorner(first, rest), m.bottomLeftCorner(rest, first),
+                m.bottomRightCorner(rest, rest);
+            m = std::move(less);
+        }
+    return out;
+}
+
 } // namespace
+
+// What the model file has no term for has to show more to be worth a name, and most of all what healthy
+// joints show some of: friction bent a little otherwise over speed than its curve, a hum, curves over some axis.
+double gate_factor(const Family &f, const Gates &gates)
+{
+    const bool healthy = f.id == "viscous_nonlinear" || f.own_phase || !f.named();
+    return f.adoptable() ? 1 : healthy ? gates.healthy_share : gates.loose_share;
+}
 
 JointWork::JointWork(const hdt_arm &arm, int j, std::vector<BlockRows> fit_rows, std::vector<BlockRows> test_rows)
     : joint(j), fit(std::move(fit_rows)), test(std::move(test_rows)), arm_joint_(arm.joint[j]),
-      min_rms_nm_(0.001 * arm.joint[j].ratio) // one digit of motor torque: no host could feed forward less
+      min_rms_nm_(0.0005 * arm.joint[j].ratio) // half a digit of motor torque: rounding would lose less
 {
     for (std::size_t r = 0; r < fit.size(); ++r)
         fit[r].index = static_cast<Index>(r);
@@ -267,7 +292,10 @@ void JointWork::weigh(std::size_t index, const std::vector<RunSet> &splits)
         s.log_e = log_mean_exp(log_e, f.grid_count);
         s.gain = leave_one_run_out({&kept})[0];
         if (f.twin) {
-            // beside its bounded twin the contribution would read as nothing
+            // beside its bounded twin the contribution would read as nothing, and what the twin takes over beyond
+            // its bounds as explained
+            const Gram alone = without(kept, nuisance_columns(fit[0]).cols(), imperfection_columns());
+            s.gain.total = std::max(s.gain.total, leave_one_run_out({&alone})[0].total);
             s.gain.informative = s.gain.better = 0;
             for (std::size_t r = 0; r < fit.size(); ++r)
                 if (fit[r].size() > 0) {
@@ -277,12 +305,30 @@ void JointWork::weigh(std::size_t index, const std::vector<RunSet> &splits)
             const VectorXd theta = gls_fit(kept, all_runs(fit.size())).theta;
             s.rms_nm = reducible_rms(fit, [&](const BlockRows &b) -> VectorXd { return f.columns(b, s.at) * theta; });
         }
+        if (f.id == "inertia")
+            put_whole_inertia(kept, &s);
     } else {
         s.note = "not excited by these runs";
     }
     if (s.excited && !s.plausible)
         s.note = "estimate has the wrong sign or size for this effect";
     scores[index] = std::move(s);
+}
+
+// What inertia is worth: estimated on the reference's acceleration, it acts on vibration too, which is then no
+// healthy imperfection.
+void JointWork::put_whole_inertia(const Gram &on_reference, Score *s) const
+{
+    std::vector<MatrixXd> x;
+    for (const BlockRows &b : fit)
+        x.push_back(b.a + b.vibration);
+    const Gram whole = without(evidence_->gram(x), nuisance_columns(fit[0]).cols(), 1);
+    const RunGain gain = leave_one_run_out({&whole})[0];
+    if (gain.plain_total <= s->gain.plain_total)
+        return;
+    s->gain.plain = gain.plain;
+    s->gain.plain_total = gain.plain_total;
+    s->rms_nm = contribution_rms(whole, gls_fit(on_reference, all_runs(fit.size())).theta);
 }
 
 // Power of a line of fixed frequency: each run has its own phase, so only the power can repeat.
@@ -395,6 +441,13 @@ std::vector<RunRows> JointWork::run_rows() const
 // Families whose place has to be searched for first, from the score.
 void JointWork::search(const std::vector<LineHit> &lines)
 {
+    std::vector<MatrixXd> turned;
+    for (const BlockRows &b : fit)
+        turned.push_back(turned_columns(arm_joint_, b));
+    // what turns the ripple by more than wind-up does is not to be taken over by wind-up's columns
+    const Gram g = without(evidence_->gram(turned), nuisance_columns(fit[0]).cols(), imperfection_columns());
+    const Projected p = project(g, all_runs(fit.size()));
+    families.push_back(offset_family(arm_joint_, joint, p.a, p.b));
     const std::vector<VectorXd> score = evidence_->score();
     families.push_back(local_family(joint, fit, score));
     families.push_back(windup_family(fit, score));
@@ -470,7 +523,7 @@ void JointWork::assess(const Gates &gates)
     const double worth_nm2 = gate_nm * gate_nm;
     for (Score &s : scores)
         s.passes = s.excited && s.plausible && s.p_adjusted <= gates.alpha
-                   && s.rms_nm >= gate_nm * (families[s.family].adoptable() ? 1 : gates.loose_share)
+                   && s.rms_nm >= gate_nm * gate_factor(families[s.family], gates)
                    && s.rms_nm >= remnant_nm
                    && s.gain.better >= gates.min_runs && 3 * s.gain.better >= 2 * s.gain.informative
                    && s.gain.plain_total >= (families[s.family].twin ? 0 : worth_nm2 * s.gain.rows);
@@ -569,7 +622,7 @@ std::optional<Score> JointWork::weigh_offset(const Gates &gates) const
     s.rms_nm = std::abs(gls_fit(g, all_runs(fit.size())).theta[0]);
     // declared friction may be off by what its file says
     const double declared = 1.5 * std::hypot(f0_sigma_nm[0], f0_sigma_nm[1]);
-    s.passes = s.p_adjusted <= gates.alpha && s.rms_nm >= std::max({gates.loose_share * gate_nm, remnant_nm, declared})
+    s.passes = s.p_adjusted <= gates.alpha && s.rms_nm >= std::max({gates.healthy_share * gate_nm, remnant_nm, declared})
                && s.gain.better >= gates.min_runs && 3 * s.gain.better >= 2 * s.gain.informative && s.gain.plain_total > 0;
     return s;
 }
@@ -654,6 +707,12 @@ std::optional<std::pair<std::size_t, std::size_t>> pair_for(const JointWork &w, 
 }
 
 } // namespace
+
+bool JointWork::beside_ripple(double order) const
+{
+    return std::any_of(arm_joint_.ripple, arm_joint_.ripple + arm_joint_.ripples,
+                       [&](const hdt_arm_line &r) { return std::abs(r.order_rev - order) <= kSideband_rad * r.order_rev; });
+}
 
 Choice choose(const JointWork &w)
 {
@@ -802,7 +861,7 @@ void judge_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const Ga
 {
     double mine = 0, others = 0, plain = 0;
     int better = 0, large = 0;
-    bool simpler_ties = false;
+    bool simpler_ties = false, denied = false;
     for (std::size_t j = 0; j < joints.size(); ++j) {
         const JointWork &w = *joints[j];
         c->ambiguous.emplace_back();
@@ -816,6 +875,8 @@ void judge_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const Ga
             simpler_ties = simpler_ties || (s.passes && w.families[s.family].named() && !w.families[s.family].chain
                                             && tied(s.gain.total, c->gain[j].total)
                                             && w.families[s.family].columns(w.fit[0], s.at).cols() < std::max<Index>(c->theta.size(), 2));
+        // a load winds up a wrist; a tilt or a link's mass is what it is on every joint
+        denied = denied || (c->id != "payload" && c->rms_nm[j] >= w.gate_nm && c->gain[j].total < 0);
         mine += c->gain[j].total;
         plain += c->gain[j].plain_total;
         others += r;
@@ -824,8 +885,8 @@ void judge_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const Ga
     // a mass, or a tilt, that is not three sigma from nothing is none
     const double sure = std::abs(c->theta[0]) / std::sqrt(std::max(c->covariance(0, 0), 1e-300));
     const double wald = c->theta.dot(c->covariance.ldlt().solve(c->theta)) / static_cast<double>(c->theta.size());
-    c->passes = large > 0 && (c->id == "payload" ? sure >= 3 : wald >= 9) && c->p_adjusted <= gates.alpha && better >= gates.min_runs && plain > 0 && mine > 0
-                && mine >= (large == 1 ? kTieShare : kAdequate) * others
+    c->passes = large > 0 && !denied && (c->id == "payload" ? sure >= 3 : wald >= 9) && c->p_adjusted <= gates.alpha && better >= gates.min_runs && plain > 0 && mine > 0
+                && mine >= (large == 1 && c->id != "payload" ? kTieShare : kAdequate) * others
                 // one joint alone does not speak for a chain when no more numbers say the same
                 && !(large == 1 && simpler_ties);
     c->total = mine;

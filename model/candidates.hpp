@@ -18,9 +18,9 @@ namespace hdt {
 
 struct Gates {
     double alpha = 0.05;         // false discoveries among everything named
-    double min_rms_nm = 0.1;     // smaller effects are not worth a name
     double floor_share = 0.15;   // nor is one far below what runs scatter anyway
-    double loose_share = 2;      // what the model file has no term for must show this much more
+    double loose_share = 1.2;    // what the model file has no term for must show this much more
+    double healthy_share = 2;    // and this much what healthy joints show some of
     double remnant_share = 0.1;  // of the effects already found: less is their remnant
     int min_runs = 3;            // informative runs the effect must help in
 };
@@ -82,6 +82,8 @@ public:
     // A constant torque, after all else: sliding rows show it only as Coulomb friction that has grown
     // in one direction by what it lost in the other.
     std::optional<Score> weigh_offset(const Gates &gates) const;
+    // Is there declared ripple of nearly this order?  Read at a wrong angle it shows such a line.
+    bool beside_ripple(double order) const;
     // Best x near found.back().at by maximum likelihood; its sigma from the curvature.
     void refine(Found *f) const;
 
@@ -93,12 +95,16 @@ private:
     std::vector<RunRows> run_rows() const;
     void search(const std::vector<LineHit> &lines);
     void weigh(std::size_t family, const std::vector<RunSet> &splits);
+    void put_whole_inertia(const Gram &on_reference, Score *s) const;
     void weigh_vibration(std::size_t family, const std::vector<RunSet> &splits);
     std::vector<Eigen::MatrixXd> rich_columns() const;
     std::vector<LineHit> plain_lines(const std::vector<Eigen::VectorXd> &residual, const OrderGrid &grid) const;
     BlockNumbers block_numbers() const;
     double found_rms_nm() const;
 };
+
+// By how much a family has to exceed the gate.
+double gate_factor(const Family &f, const Gates &gates);
 
 // Root mean square of a torque over rows, beside what friction could take over.
 double reducible_rms(const std::vector<BlockRows> &rows,

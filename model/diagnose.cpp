@@ -31,7 +31,7 @@ constexpr int kEffectsMax = 4;
 constexpr std::size_t kRunsMin = 4;
 constexpr Index kFriction = 4;             // columns of nuisance_columns
 constexpr Index kRowsMin = 400;            // per joint over all fit runs
-constexpr double kWorse = 1.1;             // held-out error may grow by this where likelihood gains: few runs scatter
+constexpr double kWorse = 1.05;            // held-out error may grow by this where likelihood gains: few runs scatter
 constexpr double kClearFall = 0.95;        // of the held-out error, best without the effect
 constexpr double kWorseThanRefit = 1.5;    // its square, against friction fitted again
 constexpr double kUnnamedFall = 0.03;      // what no effect explains must be worth a table
@@ -192,6 +192,9 @@ bool take_own(JointWork &w, const Choice &c, Found *axis)
         Found f = found_from(w, k);
         f.ambiguous = c.ambiguous;
         w.refine(&f);
+        if (f.family.id == "order_line" && w.beside_ripple(f.at.x))
+            for (const char *id : {"eccentricity", "joint_offset"})
+                f.ambiguous.push_back(id);
         w.found.push_back(std::move(f));
         w.stale = true;
     }
@@ -515,7 +518,7 @@ void detection_limits(const JointWork &w, const Gates &gates, JointDiagnosis *d)
         if (!(info > 0) || !(p.plain_a.trace() > 0))
             continue;
         // the gates ask for a size of their own, and for most of it in runs left out
-        const double gate_nm = kOverGate * w.gate_nm * (f.adoptable() ? 1 : gates.loose_share);
+        const double gate_nm = kOverGate * w.gate_nm * gate_factor(f, gates);
         d->detection_limit_nm.emplace_back(f.id, std::max(gate_nm, std::sqrt(4 * (need + 2 * std::sqrt(need)) / info)));
     }
 }
@@ -769,8 +772,8 @@ bool take_friction(const Start &start, JointDiagnosis *d)
 
 struct Judged { JointDiagnosis d; JointEstimate e; bool adopt = false; };
 
-Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const Start &start, const Independent &runs,
-                   const Gates &gates)
+Judged judge_as_found(const hdt_arm &arm, const JointWork &w, const Found &axis, const Start &start,
+                      const Independent &runs, const Gates &gates)
 {
     Judged out;
     JointDiagnosis &d = out.d;
@@ -809,6 +812,44 @@ Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const St
     }
     pictures(w, shown, axis, &d);
     return out;
+}
+
+// Takes out the last that was found but for what concerns the whole arm; its name, empty when there is none.
+std::string drop_last(JointWork &w, Found *axis)
+{
+    if (!axis->family.id.empty()) {
+        *axis = {};
+        return "a table over an axis";
+    }
+    for (std::size_t k = w.found.size(); k-- > 0;)
+        if (!w.found[k].chain_theta) {
+            const std::string id = w.found[k].family.id;
+            w.found.erase(w.found.begin() + static_cast<std::ptrdiff_t>(k));
+            return id;
+        }
+    return "";
+}
+
+// Where the held-out runs deny the whole, the part of it found first may stand.
+Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const Start &start, const Independent &runs,
+                   const Gates &gates)
+{
+    Judged whole = judge_as_found(arm, w, axis, start, runs, gates);
+    if (whole.d.verdict != "suspect" || runs.count < kRunsMin)
+        return whole;
+    const std::vector<Found> found = w.found;
+    Found left = axis;
+    for (std::string dropped = drop_last(w, &left); !dropped.empty() && !w.found.empty(); dropped = drop_last(w, &left)) {
+        w.assess(gates);
+        Judged part = judge_as_found(arm, w, left, start, runs, gates);
+        if (part.d.verdict == "named") {
+            part.d.words += " More was looked at (" + dropped + "), but does not help on the held-out runs.";
+            return part;
+        }
+    }
+    w.found = found;
+    w.assess(gates);
+    return whole;
 }
 
 // The joints to look at, and why the others are left out.

@@ -244,12 +244,17 @@ MatrixXd two(const VectorXd &a, const VectorXd &b)
     return m;
 }
 
-// How the declared torque changes with the angle that is read: gravity, springs, and every line of ripple.
-Signal slope_of(const hdt_arm_joint &joint)
+std::vector<hdt_arm_line> declared_lines(const hdt_arm_joint &joint)
 {
     std::vector<hdt_arm_line> lines(joint.ripple, joint.ripple + joint.ripples);
     lines.insert(lines.end(), joint.line, joint.line + joint.lines);
-    return [lines, spring = joint.spring_nmprad](const BlockRows &b) -> VectorXd {
+    return lines;
+}
+
+// How the declared torque changes with the angle that is read: gravity, springs, and every line of ripple.
+Signal slope_of(const hdt_arm_joint &joint)
+{
+    return [lines = declared_lines(joint), spring = joint.spring_nmprad](const BlockRows &b) -> VectorXd {
         VectorXd out = b.dgdq.array() + spring;
         for (const hdt_arm_line &l : lines) {
             const MatrixXd x = line_columns(b.scan(), l.order_rev, l.directed);
@@ -286,8 +291,6 @@ void add_load_families(std::vector<Family> *out, const hdt_arm &arm, int joint, 
         [](const VectorXd &th) { return std::abs(th[0]) < kGainMost; });
     add(out, "cable_spring", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.q; });
     const Signal slope = slope_of(arm.joint[joint]);
-    add(out, "joint_offset", {q}, {{}}, [slope](const BlockRows &b, Point) -> MatrixXd { return slope(b); }, false,
-        [](const VectorXd &th) { return std::abs(th[0]) < kAngleMost_rad; });
     std::vector<Point> links;
     for (int k = 0; k < arm.joints; ++k)
         if (arm.joint[k].has_inertial && arm.joint[k].mass_kg > 0)
@@ -672,6 +675,55 @@ double step_power(const Bins &b, double at, double width)
 }
 
 } // namespace
+
+MatrixXd turned_columns(const hdt_arm_joint &joint, const BlockRows &b)
+{
+    const std::vector<hdt_arm_line> lines = declared_lines(joint);
+    MatrixXd m(b.size(), 1 + 2 * static_cast<Index>(lines.size()));
+    m.col(0) = b.dgdq.array() + joint.spring_nmprad;
+    for (std::size_t k = 0; k < lines.size(); ++k)
+        m.middleCols(1 + 2 * static_cast<Index>(k), 2) = line_columns(b.scan(), lines[k].order_rev, lines[k].directed);
+    return m;
+}
+
+VectorXd turned_by(const hdt_arm_joint &joint, double angle_rad)
+{
+    const std::vector<hdt_arm_line> lines = declared_lines(joint);
+    VectorXd w(1 + 2 * static_cast<Index>(lines.size()));
+    w[0] = angle_rad;
+    for (std::size_t k = 0; k < lines.size(); ++k) {
+        const double phase = lines[k].phase_rad, turned = phase + lines[k].order_rev * angle_rad;
+        w[1 + 2 * static_cast<Index>(k)] = lines[k].amplitude_nm * (std::cos(turned) - std::cos(phase));
+        w[2 + 2 * static_cast<Index>(k)] = lines[k].amplitude_nm * (std::sin(turned) - std::sin(phase));
+    }
+    return w;
+}
+
+Family offset_family(const hdt_arm_joint &joint, int number, const MatrixXd &information, const VectorXd &score)
+{
+    Family f;
+    f.id = "joint_offset";
+    f.depends_on = {name_of("q", number)};
+    double highest = 10;
+    for (const hdt_arm_line &l : declared_lines(joint))
+        highest = std::max(highest, l.order_rev);
+    const double step = 0.3 / highest;
+    std::vector<Place> places;
+    for (double x = step * std::ceil(-kAngleMost_rad / step); x <= kAngleMost_rad; x += step) {
+        const VectorXd w = turned_by(joint, x);
+        places.push_back({x, 0, w.dot(score) - 0.5 * w.dot(information * w)});
+    }
+    f.grid_count = static_cast<double>(places.size());
+    for (const Place &p : strongest(std::move(places)))
+        f.grid.push_back({p.x, 0});
+    f.columns = [joint](const BlockRows &b, Point p) -> MatrixXd {
+        return turned_columns(joint, b) * turned_by(joint, p.x);
+    };
+    // the whole of it, so that the coefficient is near one
+    f.plausible = [](const VectorXd &th) { return th[0] > 0.5 && th[0] < 1.6; };
+    f.twin = true; // wind-up of a healthy joint turns its ripple a little
+    return f;
+}
 
 Family local_family(int joint, const std::vector<BlockRows> &runs, const std::vector<VectorXd> &score)
 {

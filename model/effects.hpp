@@ -87,6 +87,14 @@ Family line_family(int joint, const std::vector<LineHit> &hits, double tried, do
 // Places where friction is locally higher, the strongest by the score (inverse covariance of the
 // noise times residual, per run).
 Family local_family(int joint, const std::vector<BlockRows> &runs, const std::vector<Eigen::VectorXd> &score);
+// The declared torque of another angle than the one read, less that of the angle read: these columns times
+// turned_by(the angle between the two).  Springs and gravity to first order, ripple exactly: a degree turns a
+// wave generator's ripple round.
+Eigen::MatrixXd turned_columns(const hdt_arm_joint &joint, const BlockRows &b);
+Eigen::VectorXd turned_by(const hdt_arm_joint &joint, double angle_rad);
+// Angles the resolver may read short by, the likeliest by information and score of turned_columns.
+Family offset_family(const hdt_arm_joint &joint, int number, const Eigen::MatrixXd &information,
+                     const Eigen::VectorXd &score);
 // Loads at which a gear's loss steps up as it begins to drive, mirrored for the other direction.
 Family windup_family(const std::vector<BlockRows> &runs, const std::vector<Eigen::VectorXd> &score);
 // Frequencies fixed in time, phase free in each run; hits holds Hz.

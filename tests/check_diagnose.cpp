@@ -103,7 +103,7 @@ std::vector<Case> cases()
     };
     add("link_mass", &Hidden::moment_kgm, 0.25, "share", 0.25 / (planar::kM[0] * planar::kC[0]));
     add("base_tilt", &Hidden::tilt_rad, 0.03, "about_y_rad", 0.03);
-    add("joint_offset", &Hidden::angle_rad, 0.03);
+    add("joint_offset", &Hidden::angle_rad, 0.03, "angle_rad", 0.03);
     add("torque_offset", &Hidden::constant_nm, 1.5, "torque_nm", 1.5);
     add("drive_efficiency", &Hidden::drive_mu, 0.08, "c1", 0.08);
     add("viscous_nonlinear", &Hidden::square, 80);

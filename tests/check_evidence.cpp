@@ -225,6 +225,50 @@ START_TEST(test_repeatable_effect_is_not_taken_for_noise)
 END_TEST
 
 // The defining property, E[e] <= 1 under the null, and its use: e >= 20 in at most one log of twenty.
+// Calm runs in pieces of one block beside loud ones without a gap: covariances over pairs of rows are then
+// larger at some lags than the variance, belong to no process, and a predictor made of them runs wild.
+START_TEST(test_noise_model_of_broken_rows_is_a_process)
+{
+    World w;
+    w.phi = 0.99;
+    w.coulomb = w.viscous = 0;
+    w.effect = 0.5;
+    Data d = make_data(w, 61);
+    for (std::size_t r = 0; r < d.runs.size(); ++r) {
+        if (r % 2 == 0)
+            std::fill(d.runs[r].lags.begin(), d.runs[r].lags.end(), 0);
+        else
+            d.runs[r].y = 4 * (d.runs[r].y - w.effect * d.x[r].col(0)) + w.effect * d.x[r].col(0);
+    }
+    const NoiseModel n = fit_noise(d.runs, d.x, 8);
+    for (std::size_t m = 1; m < n.innovation_nm.size(); ++m)
+        ck_assert(n.innovation_nm[m] > 0 && n.innovation_nm[m] <= n.innovation_nm[m - 1]);
+    const Gram g = Evidence(d.runs, n).gram(d.x);
+    const GlsFit fit = gls_fit(g, every(d.runs.size()));
+    ck_assert_double_lt(std::abs(fit.theta[0] - w.effect), 0.25);
+}
+END_TEST
+
+// Columns differ in size by orders of magnitude: a nuisance in small units takes its share like any other.
+START_TEST(test_nuisance_of_any_size_is_projected_out)
+{
+    Data d = make_data({}, 62);
+    for (std::size_t r = 0; r < d.runs.size(); ++r) {
+        MatrixXd &fixed = d.runs[r].fixed;
+        fixed.conservativeResize(Eigen::NoChange, 3);
+        fixed.col(2) = 1e-6 * d.x[r].col(0);
+    }
+    const Evidence e(d.runs, fit_noise(d.runs, {}, 4));
+    const Gram g = e.gram(d.x);
+    double whole = 0;
+    for (const MatrixXd &w : g.weighted)
+        whole += w(g.nuisances, g.nuisances);
+    const Projected p = project(g, every(d.runs.size()));
+    ck_assert_double_lt(std::abs(p.a(0, 0)), 1e-6 * whole);
+    ck_assert_double_lt(std::abs(gls_fit(g, every(d.runs.size())).llr), 1e-3);
+}
+END_TEST
+
 START_TEST(test_null_logs_give_no_evidence)
 {
     double mean = 0;
@@ -348,6 +392,8 @@ static Suite *evidence_suite(void)
     suite_add_tcase(s, noise);
     TCase *e = tcase_create("e-values");
     tcase_set_timeout(e, 120);
+    tcase_add_test(e, test_noise_model_of_broken_rows_is_a_process);
+    tcase_add_test(e, test_nuisance_of_any_size_is_projected_out);
     tcase_add_test(e, test_null_logs_give_no_evidence);
     tcase_add_test(e, test_effect_is_found_and_its_size_within_three_sigma);
     tcase_add_test(e, test_one_run_alone_never_makes_an_effect);

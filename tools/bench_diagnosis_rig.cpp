@@ -235,6 +235,7 @@ private:
     std::vector<double> jitter(const std::string &dir, const SetKey &key, const Signals &once) const;
     void make_healthy(const SetKey &key);
     Text hidden_of(const Case &c);
+    std::string options_of(const Case &c, const Kind &k) const;
     Text noise_of(const Case &c);
     double contribution_nm(const Text &hidden, const Case &c, int joint, int run, const std::string &dir,
                            const Signals &with) const;
@@ -434,6 +435,28 @@ Rig::SizeKey Rig::size_key(const Case &c, const std::string &id)
     return {id + "@" + std::to_string(c.joint) + "/" + number(c.rho), c.specimen};
 }
 
+// What begins and ends within a run does so where the joint moves: resting, it would show to nobody.
+std::string Rig::options_of(const Case &c, const Kind &k) const
+{
+    constexpr double moving_radps = 0.05, length_s = 3, margin_s = 3;
+    if (c.group != Group::Part || std::string(k.options).find("to=") == std::string::npos)
+        return k.options;
+    const std::vector<double> &v =
+        healthy_.at({c.specimen, c.set}).runs[static_cast<std::size_t>(c.only_run)].v_radps[static_cast<std::size_t>(c.joint - 1)];
+    const double rows_a_second = static_cast<double>(v.size()) / size_.seconds;
+    double best_s = margin_s, most = -1;
+    for (double from = margin_s; from + length_s + margin_s <= size_.seconds; from += 1) {
+        const auto begin = v.begin() + static_cast<std::ptrdiff_t>(from * rows_a_second);
+        const auto moving = static_cast<double>(std::count_if(begin, begin + static_cast<std::ptrdiff_t>(length_s * rows_a_second),
+                                                              [](double x) { return std::abs(x) > moving_radps; }));
+        if (moving > most) {
+            most = moving;
+            best_s = from;
+        }
+    }
+    return ":from=" + number(best_s) + ",to=" + number(best_s + length_s);
+}
+
 // Size for the wanted rho, on the first held-out run: from the guess, by proportion until it is near.
 void Rig::calibrate(const Case &c, const std::string &id)
 {
@@ -446,7 +469,7 @@ void Rig::calibrate(const Case &c, const std::string &id)
     fs::create_directories(dir);
     double size = k.guess * floor;
     for (int tries = 0; tries < kSizeTries; tries++) {
-        const Text hidden = {at_joint(id, std::min(size, k.most), c.joint) + k.options};
+        const Text hidden = {at_joint(id, std::min(size, k.most), c.joint) + options_of(c, k)};
         simulate(dir, c.specimen, c.set, run, hidden);
         const double nm = contribution_nm(hidden, c, c.joint, run, dir, read_signals(run_file(dir, run)));
         const double factor = std::clamp(c.rho * floor / std::max(nm, 1e-9), 0.1, 10.0);
@@ -481,7 +504,7 @@ Text Rig::hidden_of(const Case &c)
         if (!(size <= k.most))
             throw InputError(id + ": a size of " + number(size) + " would be needed, " + number(k.most)
                              + " is the most");
-        out.push_back(at_joint(id, size, c.joint) + k.options);
+        out.push_back(at_joint(id, size, c.joint) + options_of(c, k));
     }
     return out;
 }
