@@ -39,8 +39,11 @@ TESTS  := $(patsubst tests/%.c,$(BUILD)/tests/%,$(wildcard tests/check_*.c)) \
 SLOW   := $(addprefix $(BUILD)/tests/check_,bench_diagnosis cli dataset diagnose evidence ident log_check measured paper rbd scan task)
 LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
+# what `make install` puts under include/hdt: the library exports these headers' functions
+PUBLIC := ctrl/hdt.h ctrl/hdt_q.h ctrl/hdt_tables.h \
+          $(addprefix driver/,hdt_bus.h drv_telegram.h drv_cycle.h drv_log.h drv_host.h hdt_plugin.h)
 
-.PHONY: all demo paper measured check check-asan run-asan check-mujoco fmu check-fmu bench bench-sim bench-diagnosis bench-ident install clean help guards
+.PHONY: all demo paper measured check check-install check-asan run-asan check-mujoco fmu check-fmu bench bench-sim bench-diagnosis bench-ident install clean help guards
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -60,8 +63,13 @@ measured: $(BUILD)/hdt $(BUILD)/measured_page
 	@tools/measured
 
 ## check: guards and all tests
-check: guards $(TESTS) $(BUILD)/hdt
+check: guards check-install $(TESTS) $(BUILD)/hdt
 	@tools/run-tests $(TESTS)
+
+## check-install: what a user gets: exports, headers alone, pkg-config, and the README's host run against the servo
+check-install: all
+	@tools/check-exports $(BUILD)/libhdt.so.$(VERSION) $(BUILD)/libhdt.a $(PUBLIC)
+	@CC="$(CC)" CXX="$(CXX)" tools/check-install $(BUILD)
 
 ## check-asan: the C rooms and everything that reads files, under address and undefined-behaviour sanitizers
 check-asan:
@@ -91,8 +99,6 @@ check-fmu: $(BUILD)/fmu_gen $(BUILD)/tests/fmu_direct
 guards: $(CTRL)
 	@tools/check-layers
 	@tools/check-core-symbols $(CTRL)
-	@sed -n '/^```c$$/,/^```$$/{/^```/d;p}' README.md | $(CC) -std=c99 $(CWARN) -I. -fsyntax-only -x c -include ctrl/hdt.h \
-	  -Wno-missing-prototypes - || { echo "README.md: the C example does not compile" >&2; exit 1; }
 
 ## bench: time and instructions of the core, steps a second of the plant
 bench: $(BENCH) bench-sim
@@ -126,8 +132,8 @@ install: all
 	install -m 755 $(BUILD)/libhdt.so.$(VERSION) $(DESTDIR)$(PREFIX)/lib/
 	ln -sf libhdt.so.$(VERSION) $(DESTDIR)$(PREFIX)/lib/libhdt.so.$(SOMAJOR)
 	ln -sf libhdt.so.$(SOMAJOR) $(DESTDIR)$(PREFIX)/lib/libhdt.so
-	install -m 644 ctrl/hdt.h ctrl/hdt_q.h ctrl/hdt_tables.h $(DESTDIR)$(PREFIX)/include/hdt/ctrl/
-	install -m 644 $(addprefix driver/,hdt_bus.h drv_telegram.h drv_cycle.h drv_log.h drv_host.h) $(DESTDIR)$(PREFIX)/include/hdt/driver/
+	install -m 644 $(filter ctrl/%,$(PUBLIC)) $(DESTDIR)$(PREFIX)/include/hdt/ctrl/
+	install -m 644 $(filter driver/%,$(PUBLIC)) $(DESTDIR)$(PREFIX)/include/hdt/driver/
 	install -m 644 model/arms/*.toml $(DESTDIR)$(PREFIX)/share/hdt/arms/
 	printf '%s\n' 'prefix=$(PREFIX)' 'Name: hdt' 'Description: control core and driver for harmonic-drive arms' \
 	  'Version: $(VERSION)' 'Cflags: -I$${prefix}/include/hdt' 'Libs: -L$${prefix}/lib -lhdt' >$(DESTDIR)$(PREFIX)/lib/pkgconfig/hdt.pc
@@ -172,8 +178,11 @@ $(BUILD)/obj/gen/%.o: $(BUILD)/gen/%.c
 
 $(BUILD)/libhdt.a: $(CTRL) $(DRIVER)
 	@rm -f $@ && echo "  AR  $@" && ar rcs $@ $^
-$(BUILD)/libhdt.so.$(VERSION): $(CTRL) $(DRIVER)
-	@echo "  LD  $@" && $(CC) -shared -Wl,-soname,libhdt.so.$(SOMAJOR) -o $@ $^
+$(BUILD)/libhdt.map: driver/libhdt.symbols
+	@{ echo '{ global:'; sed '/^#/d; s/$$/;/' $<; echo 'local: *; };'; } >$@
+$(BUILD)/libhdt.so.$(VERSION): $(CTRL) $(DRIVER) $(BUILD)/libhdt.map
+	@echo "  LD  $@" && $(CC) $(OPT) -shared -Wl,-soname,libhdt.so.$(SOMAJOR) -Wl,--version-script=$(BUILD)/libhdt.map \
+	  -o $@ $(CTRL) $(DRIVER)
 $(BUILD)/librig.a: $(SIM) $(MODEL)
 	@rm -f $@ && echo "  AR  $@" && ar rcs $@ $^
 $(BUILD)/hdt: $(TOOLS) $(LIBS)
@@ -205,6 +214,7 @@ $(BUILD)/measured_page: $(call obj,$(wildcard tools/measured_*.cpp)) $(LIBS)
 	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $^ $(LINK)
 $(BUILD)/tests/check_measured: $(BUILD)/obj/tests/check_measured.cpp.o $(BUILD)/obj/tools/measured_signals.cpp.o $(LIBS)
 	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
+$(BUILD)/tests/check_plugin: | $(BUILD)/libhdt.so.$(VERSION)
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.c.o $(LIBS)
 	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.cpp.o $(LIBS)
