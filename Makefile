@@ -36,12 +36,12 @@ TOOLS  := $(call obj,$(wildcard tools/hdt*.cpp))
 BENCH  := $(patsubst tools/%.c,$(BUILD)/%,$(wildcard tools/bench_*.c))
 TESTS  := $(patsubst tests/%.c,$(BUILD)/tests/%,$(wildcard tests/check_*.c)) \
           $(patsubst tests/%.cpp,$(BUILD)/tests/%,$(wildcard tests/check_*.cpp))
-SLOW   := $(addprefix $(BUILD)/tests/check_,bench_diagnosis cli dataset diagnose evidence ident log_check measured paper rbd scan task)
+SLOW   := $(addprefix $(BUILD)/tests/check_,bench_diagnosis cli dataset diagnose evidence ident log_check measured paper rbd rt scan task)
 LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
 # what `make install` puts under include/hdt: the library exports these headers' functions
 PUBLIC := ctrl/hdt.h ctrl/hdt_q.h ctrl/hdt_tables.h \
-          $(addprefix driver/,hdt_bus.h drv_telegram.h drv_cycle.h drv_log.h drv_host.h hdt_plugin.h)
+          $(addprefix driver/,hdt_bus.h drv_telegram.h drv_cycle.h drv_log.h drv_host.h drv_rt.h hdt_plugin.h)
 
 .PHONY: all demo paper measured check check-install check-asan run-asan check-mujoco fmu check-fmu bench bench-sim bench-diagnosis bench-ident install clean help guards
 .DELETE_ON_ERROR:
@@ -214,6 +214,11 @@ $(BUILD)/measured_page: $(call obj,$(wildcard tools/measured_*.cpp)) $(LIBS)
 	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $^ $(LINK)
 $(BUILD)/tests/check_measured: $(BUILD)/obj/tests/check_measured.cpp.o $(BUILD)/obj/tools/measured_signals.cpp.o $(LIBS)
 	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
+$(BUILD)/tests/rt_shim.so: tests/rt_shim.c
+	@mkdir -p $(@D) && $(CC) -O1 -std=gnu99 -Wall -Wextra -Werror -shared -fPIC -o $@ $<
+$(BUILD)/tests/rt_probe: tests/rt_probe.c
+	@mkdir -p $(@D) && $(CC) -O1 -std=gnu99 -Wall -Wextra -Werror -o $@ $< -lpthread
+$(BUILD)/tests/check_rt: | $(BUILD)/hdt $(BUILD)/tests/rt_shim.so $(BUILD)/tests/rt_probe
 $(BUILD)/tests/check_plugin: | $(BUILD)/libhdt.so.$(VERSION)
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.c.o $(LIBS)
 	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
