@@ -23,27 +23,28 @@ WARN  := -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror
 CWARN := $(WARN) -Wstrict-prototypes -Wmissing-prototypes
 INC   := -I. -I$(BUILD)/gen
 DEP    = -MMD -MP
-LINK  := -lcrypto -lpthread -lm
-CHECK := -lcheck_pic -lsubunit -lrt -llcm
+LINK  := -lcrypto -llcm -lpthread -lm
+CHECK := -lcheck_pic -lsubunit -lrt
 
 obj = $(patsubst %,$(BUILD)/obj/%.o,$(1))
 CTRL   := $(call obj,$(wildcard ctrl/*.c))
 DRIVER := $(call obj,$(wildcard driver/*.c))
 LCMGEN := $(BUILD)/obj/gen/hdt_cycle_t.o $(BUILD)/obj/gen/hdt_run_t.o
+STATUS := $(BUILD)/obj/gen/hdt_status_t.o
 SIM    := $(call obj,$(wildcard sim/*.c))
 MODEL  := $(call obj,$(wildcard model/*.cpp))
 TOOLS  := $(call obj,$(wildcard tools/hdt*.cpp))
 BENCH  := $(patsubst tools/%.c,$(BUILD)/%,$(wildcard tools/bench_*.c))
 TESTS  := $(patsubst tests/%.c,$(BUILD)/tests/%,$(wildcard tests/check_*.c)) \
           $(patsubst tests/%.cpp,$(BUILD)/tests/%,$(wildcard tests/check_*.cpp))
-SLOW   := $(addprefix $(BUILD)/tests/check_,bench_diagnosis cli dataset diagnose evidence ident log_check measured paper rbd rt scan task)
+SLOW   := $(addprefix $(BUILD)/tests/check_,bench_diagnosis cli dataset diagnose evidence ident log_check measured paper rbd rt scan task telemetry)
 LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
 # what `make install` puts under include/hdt: the library exports these headers' functions
 PUBLIC := ctrl/hdt.h ctrl/hdt_q.h ctrl/hdt_tables.h \
           $(addprefix driver/,hdt_bus.h drv_telegram.h drv_cycle.h drv_log.h drv_host.h drv_rt.h hdt_plugin.h)
 
-.PHONY: all demo paper measured check check-install check-asan run-asan check-mujoco fmu check-fmu bench bench-sim bench-diagnosis bench-ident install clean help guards
+.PHONY: all demo paper measured check check-install check-posix check-asan run-asan check-mujoco fmu check-fmu bench bench-sim bench-diagnosis bench-ident install clean help guards
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -99,6 +100,10 @@ check-fmu: $(BUILD)/fmu_gen $(BUILD)/tests/fmu_direct
 guards: $(CTRL)
 	@tools/check-layers
 	@tools/check-core-symbols $(CTRL)
+
+## check-posix: ctrl/ and driver/ with another C library (musl) that shows POSIX and nothing else, and run
+check-posix:
+	@CC="$(CC)" tools/check-posix $(BUILD)
 
 ## bench: time and instructions of the core, steps a second of the plant
 bench: $(BENCH) bench-sim
@@ -172,6 +177,11 @@ $(BUILD)/obj/tools/%.c.o: tools/%.c | $(READY)
 $(BUILD)/gen/hdt_cycle_t.h $(BUILD)/gen/hdt_cycle_t.c $(BUILD)/gen/hdt_run_t.h $(BUILD)/gen/hdt_run_t.c &: driver/hdt_cycle.lcm | $(READY)
 	@mkdir -p $(BUILD)/gen
 	lcm-gen -c --c-cpath $(BUILD)/gen --c-hpath $(BUILD)/gen $<
+# and `hdt` publishes and reads the loop's status with it
+$(BUILD)/gen/hdt_status_t.h $(BUILD)/gen/hdt_status_t.c &: driver/hdt_status.lcm | $(READY)
+	@mkdir -p $(BUILD)/gen
+	lcm-gen -c --c-cpath $(BUILD)/gen --c-hpath $(BUILD)/gen $<
+$(call obj,tools/hdt_telemetry.cpp tools/hdt_top.cpp): $(BUILD)/gen/hdt_status_t.h
 $(BUILD)/obj/gen/%.o: $(BUILD)/gen/%.c
 	@mkdir -p $(@D)
 	$(CC) $(OPT) -std=gnu99 -w $(INC) -c $< -o $@
@@ -185,10 +195,13 @@ $(BUILD)/libhdt.so.$(VERSION): $(CTRL) $(DRIVER) $(BUILD)/libhdt.map
 	  -o $@ $(CTRL) $(DRIVER)
 $(BUILD)/librig.a: $(SIM) $(MODEL)
 	@rm -f $@ && echo "  AR  $@" && ar rcs $@ $^
-$(BUILD)/hdt: $(TOOLS) $(LIBS)
-	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(TOOLS) $(LIBS) $(LINK)
+$(BUILD)/hdt: $(TOOLS) $(STATUS) $(LIBS)
+	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(TOOLS) $(STATUS) $(LIBS) $(LINK)
 $(BUILD)/obj/tests/check_log.c.o $(BUILD)/obj/tests/lcm_dump.c.o: $(BUILD)/gen/hdt_cycle_t.h
 $(BUILD)/tests/check_log: $(LCMGEN)
+$(BUILD)/obj/tests/check_telemetry.cpp.o: $(BUILD)/gen/hdt_cycle_t.h $(BUILD)/gen/hdt_status_t.h
+$(BUILD)/tests/check_telemetry: $(BUILD)/obj/tests/check_telemetry.cpp.o $(LCMGEN) $(STATUS) $(LIBS) | $(BUILD)/hdt
+	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
 $(BUILD)/gen/fmu_arm.c: $(BUILD)/fmu_gen model/arms/pa10.toml
 	@mkdir -p $(BUILD)/gen && $< model/arms/pa10.toml hdt_pa10 $(BUILD)/gen
 $(BUILD)/tests/check_fmu $(BUILD)/tests/fmu_direct: $(BUILD)/obj/gen/fmu_arm.o

@@ -16,6 +16,7 @@
 #include "tools/hdt_cli.hpp"
 #include "tools/hdt_format.hpp"
 #include "tools/hdt_rig.hpp"
+#include "tools/hdt_telemetry.hpp"
 
 namespace hdt::cli {
 
@@ -23,7 +24,9 @@ namespace {
 
 struct HostOptions {
     std::string model, bus, task = "lemniscate", mode = "torque", out, format = "A", overrun = "count";
-    bool terms = false, operated = false;
+    std::string telemetry;
+    bool terms = false, operated = false, publishes = false;
+    double telemetry_hz = 50;
     int priority = 80, cpu = -1;
     unsigned overrun_limit = 10;
     double follow_us = 0;
@@ -108,18 +111,26 @@ void obey(drv_host &host, const std::string &line)
 // What the main thread does while the control thread runs.
 class Desk {
 public:
-    Desk(drv_host &host, drv_ring &ring, drv_rt_mailbox &box, drv_writer *writer, bool operated)
-        : host_(host), ring_(ring), box_(box), writer_(writer), operated_(operated), hears_(operated) {}
+    // telemetry may be null
+    Desk(drv_host &host, drv_ring &ring, drv_rt_mailbox &box, drv_writer *writer, Telemetry *telemetry, bool operated)
+        : host_(host), ring_(ring), box_(box), writer_(writer), telemetry_(telemetry), operated_(operated),
+          hears_(operated) {}
 
     // Until the control thread has ended; false: the log failed.
     bool serve(const std::atomic<bool> &running)
     {
         for (bool last = false; !last;) {
             last = !running;
-            while (drv_ring_pop(&ring_, &record_))
+            while (drv_ring_pop(&ring_, &record_)) {
                 written_ = drv_writer_put(writer_, &record_) == 0 && written_;
-            while (drv_rt_mail_take(&box_, &mail_))
+                if (telemetry_ != nullptr)
+                    telemetry_->cycle(record_);
+            }
+            while (drv_rt_mail_take(&box_, &mail_)) {
                 tell();
+                if (telemetry_ != nullptr)
+                    telemetry_->status(mail_);
+            }
             if (stopped())
                 drv_host_stop(&host_);
             if (!last)
@@ -164,6 +175,7 @@ private:
     drv_ring &ring_;
     drv_rt_mailbox &box_;
     drv_writer *writer_;
+    Telemetry *telemetry_;
     bool operated_, hears_, written_ = true, told_ = false;
     drv_host_phase phase_ = DRV_HOST_IDLE;
     drv_record record_ = {};
@@ -189,6 +201,22 @@ struct Control {
         return nullptr;
     }
 };
+
+// What telemetry says about the run: a log's head without its constants.
+drv_run run_of(const hdt_tables &tables, const hdt_arm &model)
+{
+    drv_run run = {};
+    run.version = DRV_LOG_VERSION;
+    run.table_layout = tables.layout;
+    run.period_ns = tables.period_ns;
+    run.terms = HDT_TERMS;
+    run.joints = tables.joints;
+    std::snprintf(run.arm, sizeof run.arm, "%s", tables.name);
+    std::copy(std::begin(tables.digest), std::end(tables.digest), run.digest);
+    for (uint32_t j = 0; j < tables.joints; j++)
+        run.ratio[j] = model.joint[j].ratio;
+    return run;
+}
 
 int run(const HostOptions &o)
 {
@@ -222,9 +250,12 @@ int run(const HostOptions &o)
     hdt_clock clock = hdt_clock_posix();
     const unsigned mail_every = 50000000u / tables.period_ns + 1; // some 20 a second
     (void)drv_rt_init(rt.get(), &rt_cfg, &clock, tables.period_ns, box.get(), mail_every); // rt_options has checked
+    std::unique_ptr<Telemetry> telemetry;
+    if (o.publishes)
+        telemetry = std::make_unique<Telemetry>(o.telemetry, tables, run_of(tables, model), o.telemetry_hz);
     drv_writer *writer = rig::open_log(o.out, tables, model, {"task = " + o.task, "mode = " + o.mode}, o.terms);
 
-    auto desk = std::make_unique<Desk>(*host, ring, *box, writer, o.operated);
+    auto desk = std::make_unique<Desk>(*host, ring, *box, writer, telemetry.get(), o.operated);
     Control control{*rt, *host, {o.priority, o.cpu, 1}};
     pthread_t thread;
     if (pthread_create(&thread, nullptr, Control::live, &control) != 0)
@@ -261,7 +292,15 @@ void add_host(CLI::App &app, int &code)
     sub->add_option("--follow-bus", o->follow_us,
                     "the bus is the clock: a period starts its length less so many us after the servo was heard")
         ->check(CLI::Range(1.0, 1e6));
-    sub->callback([o, &code] { code = run(*o); });
+    CLI::Option *telemetry =
+        sub->add_option("--telemetry", o->telemetry, "publish over LCM, for hdt top, lcm-spy, lcm-logger; address: udpm:, file:, memq:\n"
+                        "(default: LCM_DEFAULT_URL, or LCM's own)")->expected(0, 1);
+    sub->add_option("--telemetry-rate", o->telemetry_hz, "periods published a second, at most")
+        ->capture_default_str()->check(CLI::Range(0.1, 10000.0));
+    sub->callback([o, telemetry, &code] {
+        o->publishes = telemetry->count() > 0;
+        code = run(*o);
+    });
 }
 
 } // namespace hdt::cli
