@@ -44,7 +44,7 @@ READY  := $(BUILD)/.ready
 PUBLIC := ctrl/hdt.h ctrl/hdt_q.h ctrl/hdt_tables.h \
           $(addprefix driver/,hdt_bus.h drv_telegram.h drv_cycle.h drv_log.h drv_host.h drv_rt.h hdt_plugin.h)
 
-.PHONY: all demo paper measured check check-install check-posix check-asan run-asan check-mujoco fmu check-fmu bench bench-sim bench-diagnosis bench-ident install clean help guards
+.PHONY: all demo paper measured check check-install check-posix linuxcnc check-linuxcnc check-asan run-asan check-mujoco fmu check-fmu bench bench-sim bench-diagnosis bench-ident install clean help guards
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -104,6 +104,18 @@ guards: $(CTRL)
 ## check-posix: ctrl/ and driver/ with another C library (musl) that shows POSIX and nothing else, and run
 check-posix:
 	@CC="$(CC)" tools/check-posix $(BUILD)
+
+## linuxcnc: the HAL component, build/linuxcnc/hdt.so (needs linuxcnc-uspace-dev: tools/deps --linuxcnc)
+linuxcnc: $(BUILD)/linuxcnc/hdt.so
+$(BUILD)/linuxcnc/hdt.so: driver/linuxcnc/hdt.c $(PUBLIC) $(BUILD)/libhdt.a
+	@[ -f /usr/include/linuxcnc/hal.h ] || { echo "no /usr/include/linuxcnc/hal.h: run tools/deps --linuxcnc" >&2; exit 2; }
+	@mkdir -p $(@D) && echo "  CC  $<" && $(CC) $(OPT) -std=gnu99 -Wall -Wextra -Werror -fPIC -shared -DRTAPI -DUSPACE -D__MODULE__ \
+	  -isystem /usr/include/linuxcnc -I. -Wl,-Bsymbolic -Wl,--exclude-libs,ALL -o $@ $< $(BUILD)/libhdt.a
+
+## check-linuxcnc: the HAL component in LinuxCNC against the emulated servo (skipped, aloud, where it cannot be installed)
+check-linuxcnc: $(BUILD)/hdt
+	@tools/deps --linuxcnc || { echo "SKIP: $@: linuxcnc-uspace cannot be installed: see the line above"; exit 0; }; \
+	MAKEFLAGS= $(MAKE) -s BUILD=$(BUILD) linuxcnc && tools/check-linuxcnc $(BUILD)
 
 ## bench: time and instructions of the core, steps a second of the plant
 bench: $(BENCH) bench-sim

@@ -294,6 +294,19 @@ static int bus_counters(struct hdt_plugin_arm *arm, struct drv_counters *count)
     return e;
 }
 
+static int bus_restart(struct hdt_plugin_arm *arm)
+{
+    int e = enter(arm, IN(RUNNING));
+    if (e != HDT_OK)
+        return e;
+    if (arm->has_bus)
+        drv_cycle_restart(&arm->cycle);
+    else
+        e = HDT_PLUGIN_ERR_STATE;
+    leave(arm);
+    return e;
+}
+
 static int bus_close(struct hdt_plugin_arm *arm)
 {
     int e = enter(arm, IN(LOADED));
@@ -311,7 +324,7 @@ static int bus_close(struct hdt_plugin_arm *arm)
 static const void *plugin_extension(const char *id)
 {
     static const struct hdt_plugin_names names = {hdt_fault_str, hdt_limit_str, hdt_term_str};
-    static const struct hdt_plugin_bus bus = {bus_open, bus_period, bus_counters, bus_close};
+    static const struct hdt_plugin_bus bus = {bus_open, bus_period, bus_counters, bus_restart, bus_close};
     if (id == NULL)
         return NULL;
     if (strcmp(id, HDT_PLUGIN_EXT_NAMES) == 0)

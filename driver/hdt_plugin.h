@@ -11,7 +11,7 @@
  *     NONE       create -> CREATED
  *     CREATED    load -> LOADED, destroy -> NONE
  *     LOADED     load, info, start -> RUNNING, destroy -> NONE;        bus: open, close
- *     RUNNING    info, clear, stop -> LOADED;  step (no bus is open);  bus: period, counters
+ *     RUNNING    info, clear, stop -> LOADED;  step (no bus is open);  bus: period, restart, counters
  *
  * A thread tag stands before every function:
  *     [main]  may allocate and block: set-up and end, never in the cycle
@@ -166,6 +166,10 @@ struct hdt_plugin_bus {
 
     /* [rt] Counters of this run, between periods.  Errors: HDT_ERR_ARG, _STATE, _BUSY. */
     int (*counters)(struct hdt_plugin_arm *arm, struct drv_counters *count);
+
+    /* [rt] drv_cycle_restart: ask for control mode again, between periods, after the servo left it (an
+     * alarm, its watchdog).  Latched core faults stay: clear.  Errors: HDT_ERR_ARG, _STATE, _BUSY. */
+    int (*restart)(struct hdt_plugin_arm *arm);
 
     /* [main] Errors: HDT_ERR_ARG, _STATE (not LOADED, or no bus), _BUSY. */
     int (*close)(struct hdt_plugin_arm *arm);

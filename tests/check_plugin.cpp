@@ -91,7 +91,7 @@ struct Model {
 
 enum Op {
     Create, Load, LoadBad, Info, Start, Step, Clear, Stop, Destroy,       // every sequence of these
-    LoadNull, StepNull, OpenBad, Open, Period, PeriodNull, Counters, Close, Ops
+    LoadNull, StepNull, OpenBad, Open, Period, PeriodNull, Counters, Restart, Close, Ops
 };
 
 // The code an operation has to return, and the model's next state.
@@ -129,7 +129,8 @@ int expected(Op op, Model &m)
     }
     case Period: return go(running && m.open, m.state);
     case PeriodNull: return running && m.open ? int{HDT_ERR_ARG} : int{HDT_PLUGIN_ERR_STATE};
-    case Counters: return go(running && m.open, m.state);
+    case Counters:
+    case Restart: return go(running && m.open, m.state);
     case Close: {
         int e = go(loaded && m.open, m.state);
         m.open = m.open && e != HDT_OK;
@@ -183,6 +184,7 @@ struct Arm {
         case Period: return bus->period(arm, &in, &out);
         case PeriodNull: return bus->period(arm, nullptr, &out);
         case Counters: return bus->counters(arm, &count);
+        case Restart: return bus->restart(arm);
         case Close: return bus->close(arm);
         case Ops: break;
         }
@@ -299,6 +301,7 @@ START_TEST(test_null_and_foreign_memory_are_errors_not_crashes)
     ck_assert_int_eq(bus->open(nullptr, "unix:/x", DRV_FORMAT_A, nullptr, nullptr, 0), HDT_ERR_ARG);
     ck_assert_int_eq(bus->period(nullptr, &in, &out), HDT_ERR_ARG);
     ck_assert_int_eq(bus->counters(nullptr, nullptr), HDT_ERR_ARG);
+    ck_assert_int_eq(bus->restart(nullptr), HDT_ERR_ARG);
     ck_assert_int_eq(bus->close(nullptr), HDT_ERR_ARG);
     ck_assert_ptr_null(p->extension(nullptr));
     ck_assert_ptr_null(p->extension("hdt.bus/2"));
@@ -490,7 +493,7 @@ START_TEST(test_every_function_of_the_abi_has_a_thread_tag)
                 break;
             }
     }
-    ck_assert_uint_eq(functions, 11 + 3 + 4);
+    ck_assert_uint_eq(functions, 11 + 3 + 5);
     ck_assert_uint_eq(tagged, functions);
 }
 END_TEST
