@@ -293,10 +293,11 @@ enum drv_host_phase drv_host_period(struct drv_host *h, uint64_t t_us)
         return h->phase;
     if (h->t0_us == 0)
         h->t0_us = h->phase_us = h->t_us = t_us;
-    uint64_t dt_us = t_us - h->t_us;
+    /* after a stall the reference goes on from where it was, it does not jump to where it would be */
+    uint64_t dt_us = t_us - h->t_us, most_us = h->cycle.core.tables->period_ns / 500u;
     h->t_us = t_us;
     obey(h);
-    pace(h, dt_us);
+    pace(h, dt_us < most_us ? dt_us : most_us);
     change_phase(h);
     if (h->phase >= DRV_HOST_DONE)
         return h->phase;

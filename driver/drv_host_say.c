@@ -127,7 +127,7 @@ void drv_host_say(const struct drv_host_status *s, const struct hdt_tables *tab,
         if (s->sample >= s->samples)
             add(&t, " standing at the end of the reference, held by torque");
         else
-            add(&t, " standing at sample %u of %u, held by torque; %s; go resumes", s->sample, s->samples,
+            add(&t, " standing at sample %u of %u, held by torque; %s; go resumes, stop ends", s->sample, s->samples,
                 late(s->asked));
         break;
     case DRV_HOST_FAULT:

@@ -176,7 +176,7 @@ static void hold_and_go(enum drv_host_phase in_phase, unsigned after)
     for (unsigned n = 0; n < 1200; n++) {
         if (n == 600) {
             ck_assert_int_eq(w->host.phase, DRV_HOST_HOLD);
-            assert_says(w, "asked for; go resumes");
+            assert_says(w, "asked for; go resumes, stop ends");
             drv_host_ask(&w->host, DRV_HOST_ASK_GO);
         }
         world_period(w);
@@ -208,6 +208,27 @@ START_TEST(test_a_hold_slows_down_and_go_resumes_without_a_step)
     hold_and_go(DRV_HOST_RUN, 300);
     hold_and_go(DRV_HOST_RUN, 901);
     hold_and_go(DRV_HOST_APPROACH, 500);
+}
+END_TEST
+
+START_TEST(test_a_stall_does_not_make_the_reference_jump)
+{
+    static const enum drv_host_phase phases[] = {DRV_HOST_APPROACH, DRV_HOST_RUN, DRV_HOST_HOLD};
+    struct world *w = world_new((struct drv_host_cfg){.operated = 1});
+    world_until(w, DRV_HOST_READY, 10);
+    drv_host_ask(&w->host, DRV_HOST_ASK_GO);
+    for (unsigned k = 0; k < 3; k++) {
+        if (phases[k] == DRV_HOST_HOLD)
+            drv_host_ask(&w->host, DRV_HOST_ASK_HOLD);
+        world_until(w, phases[k], 4000);
+        for (unsigned n = 0; n < 50; n++)
+            world_period(w);
+        int32_t before = w->host.in.q_ref[6].raw, v = w->host.in.v_ref[6].raw;
+        w->t_us += 20 * PERIOD_US; /* shorter than stale */
+        world_period(w);
+        ck_assert_int_ne(v, 0);
+        ck_assert_double_le((w->host.in.q_ref[6].raw - before) / Q24, v / Q24 * 2.2 * PERIOD_US * 1e-6);
+    }
 }
 END_TEST
 
@@ -590,6 +611,7 @@ static Suite *host_suite(void)
     tcase_add_test(t, test_without_an_operator_the_run_goes_through_by_itself);
     tcase_add_test(t, test_an_operator_is_waited_for_with_brakes_on);
     tcase_add_test(t, test_a_hold_slows_down_and_go_resumes_without_a_step);
+    tcase_add_test(t, test_a_stall_does_not_make_the_reference_jump);
     tcase_add_test(t, test_a_stop_nobody_confirms_is_repeated_and_ends);
     tcase_add_test(t, test_a_servo_that_never_answers_is_silent);
     tcase_add_loop_test(t, test_a_fault_says_joint_value_and_limit_and_clear_leads_back, 0,

@@ -140,10 +140,11 @@ public:
     }
 
 private:
-    // The operator's view: a line when the phase changes.
+    // The operator's view: a line when the phase changes.  Without one: only of a hold nobody asked for.
     void tell()
     {
-        if (!operated_ || (told_ && mail_.host.phase == phase_))
+        bool says = operated_ || mail_.host.asked == DRV_HOST_ASK_HOLD_LATE;
+        if (!says || (told_ && mail_.host.phase == phase_))
             return;
         char line[1024];
         drv_host_say(&mail_.host, host_.cycle.core.tables, line, sizeof line);
