@@ -53,8 +53,9 @@ void assert_holds(const Result &r, const std::string &text)
 Result loop(const std::string &options)
 {
     return sh("rm -f bus run.lcm; $H servo --arm $A --task lemniscate --bus unix:$PWD/bus --seconds 30 2>/dev/null & s=$!; "
-              "for i in $(seq 100); do [ -S bus ] && break; sleep 0.1; done; "
-              "$H host --model $A --bus unix:$PWD/bus --out run.lcm " + options + " >host 2>&1 & h=$!; sleep 2; "
+              "for i in $(seq 300); do [ -S bus ] && break; sleep 0.1; done; "
+              "$H host --model $A --bus unix:$PWD/bus --out run.lcm " + options + " >host 2>&1 & h=$!; "
+              "for i in $(seq 100); do [ -s run.lcm.part ] && break; kill -0 $h 2>/dev/null || break; sleep 0.1; done; sleep 2; "
               "kill -INT $h; wait $h; e=$?; kill $s; wait $s; cat host; exit $e");
 }
 
@@ -168,8 +169,8 @@ START_TEST(test_top_reads_a_loop_over_multicast)
     const std::string net = "timeout 30 unshare -n sh -c \"ip link set lo up multicast on; ip route add 224.0.0.0/4 dev lo; ";
     if (geteuid() != 0 || sh(net + "ip route | grep -q 224\"").code != 0)
         HDT_SKIP("a network namespace needs root and iproute2: multicast is not tried");
-    Result r = sh(net + "$H servo --arm $A --task lemniscate --bus unix:$PWD/bus --seconds 6 2>/dev/null & sleep 1; "
-                  "$H host --model $A --bus unix:$PWD/bus --out run.lcm --telemetry >/dev/null 2>&1 & $H top --seconds 3\"");
+    Result r = sh(net + "$H servo --arm $A --task lemniscate --bus unix:$PWD/bus --seconds 20 2>/dev/null & sleep 2; "
+                  "$H host --model $A --bus unix:$PWD/bus --out run.lcm --telemetry >/dev/null 2>&1 & $H top --seconds 8\"");
     ck_assert_msg(r.code == 0, "%s", r.out.c_str());
     assert_holds(r, "torque N m");
 }
@@ -196,7 +197,7 @@ static Suite *telemetry_suite(void)
 {
     Suite *s = suite_create("telemetry");
     TCase *t = tcase_create("telemetry");
-    tcase_set_timeout(t, 60);
+    tcase_set_timeout(t, 240);
     tcase_add_test(t, test_what_is_published_is_what_the_loop_did);
     tcase_add_test(t, test_logs_play_in_lcm_logplayer_and_replay_from_what_it_wrote);
     tcase_add_test(t, test_top_prints_lines_in_a_pipe_and_a_page_on_a_terminal);
