@@ -23,24 +23,28 @@ WARN  := -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror
 CWARN := $(WARN) -Wstrict-prototypes -Wmissing-prototypes
 INC   := -I. -I$(BUILD)/gen
 DEP    = -MMD -MP
-LINK  := -lcrypto -lpthread -lm
-CHECK := -lcheck_pic -lsubunit -lrt -llcm
+LINK  := -lcrypto -llcm -lpthread -lm
+CHECK := -lcheck_pic -lsubunit -lrt
 
 obj = $(patsubst %,$(BUILD)/obj/%.o,$(1))
 CTRL   := $(call obj,$(wildcard ctrl/*.c))
 DRIVER := $(call obj,$(wildcard driver/*.c))
 LCMGEN := $(BUILD)/obj/gen/hdt_cycle_t.o $(BUILD)/obj/gen/hdt_run_t.o
+STATUS := $(BUILD)/obj/gen/hdt_status_t.o
 SIM    := $(call obj,$(wildcard sim/*.c))
 MODEL  := $(call obj,$(wildcard model/*.cpp))
 TOOLS  := $(call obj,$(wildcard tools/hdt*.cpp))
 BENCH  := $(patsubst tools/%.c,$(BUILD)/%,$(wildcard tools/bench_*.c))
 TESTS  := $(patsubst tests/%.c,$(BUILD)/tests/%,$(wildcard tests/check_*.c)) \
           $(patsubst tests/%.cpp,$(BUILD)/tests/%,$(wildcard tests/check_*.cpp))
-SLOW   := $(addprefix $(BUILD)/tests/check_,bench_diagnosis cli dataset diagnose evidence ident log_check measured paper rbd scan task)
+SLOW   := $(addprefix $(BUILD)/tests/check_,bench_diagnosis cli dataset diagnose evidence ident log_check measured paper rbd rt scan task telemetry)
 LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
+# what `make install` puts under include/hdt: the library exports these headers' functions
+PUBLIC := ctrl/hdt.h ctrl/hdt_q.h ctrl/hdt_tables.h \
+          $(addprefix driver/,hdt_bus.h drv_telegram.h drv_cycle.h drv_log.h drv_host.h drv_rt.h hdt_plugin.h)
 
-.PHONY: all demo paper measured check check-asan run-asan check-mujoco fmu check-fmu bench bench-sim bench-diagnosis bench-ident install clean help guards
+.PHONY: all demo paper measured check check-install check-posix linuxcnc check-linuxcnc check-asan run-asan check-mujoco fmu check-fmu bench bench-sim bench-diagnosis bench-ident install clean help guards
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -60,8 +64,13 @@ measured: $(BUILD)/hdt $(BUILD)/measured_page
 	@tools/measured
 
 ## check: guards and all tests
-check: guards $(TESTS) $(BUILD)/hdt
+check: guards check-install $(TESTS) $(BUILD)/hdt
 	@tools/run-tests $(TESTS)
+
+## check-install: what a user gets: exports, headers alone, pkg-config, and the README's host run against the servo
+check-install: all
+	@tools/check-exports $(BUILD)/libhdt.so.$(VERSION) $(BUILD)/libhdt.a $(PUBLIC)
+	@CC="$(CC)" CXX="$(CXX)" tools/check-install $(BUILD)
 
 ## check-asan: the C rooms and everything that reads files, under address and undefined-behaviour sanitizers
 check-asan:
@@ -91,8 +100,22 @@ check-fmu: $(BUILD)/fmu_gen $(BUILD)/tests/fmu_direct
 guards: $(CTRL)
 	@tools/check-layers
 	@tools/check-core-symbols $(CTRL)
-	@sed -n '/^```c$$/,/^```$$/{/^```/d;p}' README.md | $(CC) -std=c99 $(CWARN) -I. -fsyntax-only -x c -include ctrl/hdt.h \
-	  -Wno-missing-prototypes - || { echo "README.md: the C example does not compile" >&2; exit 1; }
+
+## check-posix: ctrl/ and driver/ with another C library (musl) that shows POSIX and nothing else, and run
+check-posix:
+	@CC="$(CC)" tools/check-posix $(BUILD)
+
+## linuxcnc: the HAL component, build/linuxcnc/hdt.so (needs linuxcnc-uspace-dev: tools/deps --linuxcnc)
+linuxcnc: $(BUILD)/linuxcnc/hdt.so
+$(BUILD)/linuxcnc/hdt.so: driver/linuxcnc/hdt.c $(PUBLIC) $(BUILD)/libhdt.a
+	@[ -f /usr/include/linuxcnc/hal.h ] || { echo "no /usr/include/linuxcnc/hal.h: run tools/deps --linuxcnc" >&2; exit 2; }
+	@mkdir -p $(@D) && echo "  CC  $<" && $(CC) $(OPT) -std=gnu99 -Wall -Wextra -Werror -fPIC -shared -DRTAPI -DUSPACE -D__MODULE__ \
+	  -isystem /usr/include/linuxcnc -I. -Wl,-Bsymbolic -Wl,--exclude-libs,ALL -o $@ $< $(BUILD)/libhdt.a
+
+## check-linuxcnc: the HAL component in LinuxCNC against the emulated servo (skipped, aloud, where it cannot be installed)
+check-linuxcnc: $(BUILD)/hdt
+	@tools/deps --linuxcnc || { echo "SKIP: $@: linuxcnc-uspace cannot be installed: see the line above"; exit 0; }; \
+	MAKEFLAGS= $(MAKE) -s BUILD=$(BUILD) linuxcnc && tools/check-linuxcnc $(BUILD)
 
 ## bench: time and instructions of the core, steps a second of the plant
 bench: $(BENCH) bench-sim
@@ -126,8 +149,8 @@ install: all
 	install -m 755 $(BUILD)/libhdt.so.$(VERSION) $(DESTDIR)$(PREFIX)/lib/
 	ln -sf libhdt.so.$(VERSION) $(DESTDIR)$(PREFIX)/lib/libhdt.so.$(SOMAJOR)
 	ln -sf libhdt.so.$(SOMAJOR) $(DESTDIR)$(PREFIX)/lib/libhdt.so
-	install -m 644 ctrl/hdt.h ctrl/hdt_q.h ctrl/hdt_tables.h $(DESTDIR)$(PREFIX)/include/hdt/ctrl/
-	install -m 644 $(addprefix driver/,hdt_bus.h drv_telegram.h drv_cycle.h drv_log.h drv_host.h) $(DESTDIR)$(PREFIX)/include/hdt/driver/
+	install -m 644 $(filter ctrl/%,$(PUBLIC)) $(DESTDIR)$(PREFIX)/include/hdt/ctrl/
+	install -m 644 $(filter driver/%,$(PUBLIC)) $(DESTDIR)$(PREFIX)/include/hdt/driver/
 	install -m 644 model/arms/*.toml $(DESTDIR)$(PREFIX)/share/hdt/arms/
 	printf '%s\n' 'prefix=$(PREFIX)' 'Name: hdt' 'Description: control core and driver for harmonic-drive arms' \
 	  'Version: $(VERSION)' 'Cflags: -I$${prefix}/include/hdt' 'Libs: -L$${prefix}/lib -lhdt' >$(DESTDIR)$(PREFIX)/lib/pkgconfig/hdt.pc
@@ -166,20 +189,31 @@ $(BUILD)/obj/tools/%.c.o: tools/%.c | $(READY)
 $(BUILD)/gen/hdt_cycle_t.h $(BUILD)/gen/hdt_cycle_t.c $(BUILD)/gen/hdt_run_t.h $(BUILD)/gen/hdt_run_t.c &: driver/hdt_cycle.lcm | $(READY)
 	@mkdir -p $(BUILD)/gen
 	lcm-gen -c --c-cpath $(BUILD)/gen --c-hpath $(BUILD)/gen $<
+# and `hdt` publishes and reads the loop's status with it
+$(BUILD)/gen/hdt_status_t.h $(BUILD)/gen/hdt_status_t.c &: driver/hdt_status.lcm | $(READY)
+	@mkdir -p $(BUILD)/gen
+	lcm-gen -c --c-cpath $(BUILD)/gen --c-hpath $(BUILD)/gen $<
+$(call obj,tools/hdt_telemetry.cpp tools/hdt_top.cpp): $(BUILD)/gen/hdt_status_t.h
 $(BUILD)/obj/gen/%.o: $(BUILD)/gen/%.c
 	@mkdir -p $(@D)
 	$(CC) $(OPT) -std=gnu99 -w $(INC) -c $< -o $@
 
 $(BUILD)/libhdt.a: $(CTRL) $(DRIVER)
 	@rm -f $@ && echo "  AR  $@" && ar rcs $@ $^
-$(BUILD)/libhdt.so.$(VERSION): $(CTRL) $(DRIVER)
-	@echo "  LD  $@" && $(CC) -shared -Wl,-soname,libhdt.so.$(SOMAJOR) -o $@ $^
+$(BUILD)/libhdt.map: driver/libhdt.symbols
+	@{ echo '{ global:'; sed '/^#/d; s/$$/;/' $<; echo 'local: *; };'; } >$@
+$(BUILD)/libhdt.so.$(VERSION): $(CTRL) $(DRIVER) $(BUILD)/libhdt.map
+	@echo "  LD  $@" && $(CC) $(OPT) -shared -Wl,-soname,libhdt.so.$(SOMAJOR) -Wl,--version-script=$(BUILD)/libhdt.map \
+	  -o $@ $(CTRL) $(DRIVER)
 $(BUILD)/librig.a: $(SIM) $(MODEL)
 	@rm -f $@ && echo "  AR  $@" && ar rcs $@ $^
-$(BUILD)/hdt: $(TOOLS) $(LIBS)
-	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(TOOLS) $(LIBS) $(LINK)
+$(BUILD)/hdt: $(TOOLS) $(STATUS) $(LIBS)
+	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(TOOLS) $(STATUS) $(LIBS) $(LINK)
 $(BUILD)/obj/tests/check_log.c.o $(BUILD)/obj/tests/lcm_dump.c.o: $(BUILD)/gen/hdt_cycle_t.h
 $(BUILD)/tests/check_log: $(LCMGEN)
+$(BUILD)/obj/tests/check_telemetry.cpp.o: $(BUILD)/gen/hdt_cycle_t.h $(BUILD)/gen/hdt_status_t.h
+$(BUILD)/tests/check_telemetry: $(BUILD)/obj/tests/check_telemetry.cpp.o $(LCMGEN) $(STATUS) $(LIBS) | $(BUILD)/hdt
+	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
 $(BUILD)/gen/fmu_arm.c: $(BUILD)/fmu_gen model/arms/pa10.toml
 	@mkdir -p $(BUILD)/gen && $< model/arms/pa10.toml hdt_pa10 $(BUILD)/gen
 $(BUILD)/tests/check_fmu $(BUILD)/tests/fmu_direct: $(BUILD)/obj/gen/fmu_arm.o
@@ -205,6 +239,12 @@ $(BUILD)/measured_page: $(call obj,$(wildcard tools/measured_*.cpp)) $(LIBS)
 	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $^ $(LINK)
 $(BUILD)/tests/check_measured: $(BUILD)/obj/tests/check_measured.cpp.o $(BUILD)/obj/tools/measured_signals.cpp.o $(LIBS)
 	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
+$(BUILD)/tests/rt_shim.so: tests/rt_shim.c
+	@mkdir -p $(@D) && $(CC) -O1 -std=gnu99 -Wall -Wextra -Werror -shared -fPIC -o $@ $<
+$(BUILD)/tests/rt_probe: tests/rt_probe.c
+	@mkdir -p $(@D) && $(CC) -O1 -std=gnu99 -Wall -Wextra -Werror -o $@ $< -lpthread
+$(BUILD)/tests/check_rt: | $(BUILD)/hdt $(BUILD)/tests/rt_shim.so $(BUILD)/tests/rt_probe
+$(BUILD)/tests/check_plugin: | $(BUILD)/libhdt.so.$(VERSION)
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.c.o $(LIBS)
 	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.cpp.o $(LIBS)

@@ -39,6 +39,9 @@ unsigned drv_can_padded(unsigned len);
  * Errors: HDT_BUS_ERR_FRAME when it is no telegram, or padded to another length than it needs. */
 int drv_can_trim(const uint8_t *data, unsigned len, int up, struct hdt_frame *f);
 
+/* The calling thread runs on this processor only.  0 or an errno; ENOTSUP where there is no such call. */
+int drv_rt_bind_cpu(int cpu);
+
 #ifdef __cplusplus
 }
 #endif

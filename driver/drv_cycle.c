@@ -247,6 +247,15 @@ int drv_cycle_end(struct drv_cycle *c)
     return e;
 }
 
+int drv_cycle_ended(struct drv_cycle *c)
+{
+    if (c->link != DRV_LINK_ENDED)
+        return 0;
+    if (!c->end_answered)
+        (void)drain(c);
+    return c->end_answered;
+}
+
 void drv_cycle_restart(struct drv_cycle *c)
 {
     if (c->want_type != 0)

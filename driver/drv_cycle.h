@@ -109,6 +109,10 @@ int drv_cycle_period(struct drv_cycle *c, struct hdt_in *in, struct hdt_out *out
  * Errors: of the bus. */
 int drv_cycle_end(struct drv_cycle *c);
 
+/* Has the servo answered 'E': are the brakes on?  Receives what has come since; 0 before drv_cycle_end.
+ * Context: control thread, or after it has ended; non-blocking. */
+int drv_cycle_ended(struct drv_cycle *c);
+
 /* Ask for control mode again, after drv_cycle_end or after the servo left it (its watchdog or an
  * alarm).  Latched core faults stay; hdt_clear(&c->core) is the caller's decision.
  * Context: between periods. */

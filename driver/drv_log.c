@@ -30,6 +30,7 @@ struct drv_writer {
     int failed;                /* -errno of the first failure */
     int started;
     uint64_t t0_us;            /* of the first CSV row */
+    uint32_t run_len;          /* of the first event's message */
     uint64_t events;
     uint8_t buf[DRV_LCM_DATA_MAX];
 };
@@ -110,7 +111,26 @@ static int lcm_begin(struct drv_writer *w)
         run.constants[used + n] = '\n';
         used += n + 1;
     }
-    return put_event(w, DRV_LCM_CHANNEL_RUN, 0, drv_lcm_put_run(&run, w->buf, sizeof w->buf));
+    size_t len = drv_lcm_put_run(&run, w->buf, sizeof w->buf);
+    w->run_len = (uint32_t)len;
+    return put_event(w, DRV_LCM_CHANNEL_RUN, 0, len);
+}
+
+/* The first event gets the time of the first record: a player waits between events as long as their
+ * times are apart, and the host's monotonic time may be days. */
+static int lcm_date(struct drv_writer *w, uint64_t t_us)
+{
+    struct drv_lcm_head h = {.magic = DRV_LCM_MAGIC,
+                             .t_us = t_us,
+                             .channel_len = (uint32_t)strlen(DRV_LCM_CHANNEL_RUN),
+                             .data_len = w->run_len};
+    uint8_t head[DRV_LCM_HEAD];
+    drv_lcm_put_head(&h, head);
+    w->started = 1;
+    return fseek(w->f, 0, SEEK_SET) == 0 && fwrite(head, sizeof head, 1, w->f) == 1 &&
+                   fseek(w->f, 0, SEEK_END) == 0
+               ? 0
+               : -1;
 }
 
 static int csv_begin(struct drv_writer *w)
@@ -269,9 +289,10 @@ int drv_writer_put(struct drv_writer *w, const struct drv_record *rec)
 {
     if (w->failed)
         return w->failed;
-    int e = w->lcm ? put_event(w, DRV_LCM_CHANNEL_CYCLE, rec->in.t_us,
-                               drv_lcm_put_record(rec, w->cfg.tables->joints, w->buf,
-                                                  sizeof w->buf))
+    int e = w->lcm && !w->started ? lcm_date(w, rec->in.t_us) : 0;
+    if (e == 0)
+        e = w->lcm ? put_event(w, DRV_LCM_CHANNEL_CYCLE, rec->in.t_us,
+                               drv_lcm_put_record(rec, w->cfg.tables->joints, w->buf, sizeof w->buf))
                    : csv_row(w, rec);
     if (e != 0)
         w->failed = errno > 0 ? -errno : -EIO;

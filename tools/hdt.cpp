@@ -106,6 +106,7 @@ int main(int argc, char **argv)
     add_compare(app, code);
     add_paper(app, code);
     add_export(app, code);
+    add_top(app, code);
     catch_signals();
     try {
         app.parse(argc, argv);

@@ -28,6 +28,7 @@ void add_log(CLI::App &app, int &code);
 void add_compare(CLI::App &app, int &code);
 void add_paper(CLI::App &app, int &code);
 void add_export(CLI::App &app, int &code);
+void add_top(CLI::App &app, int &code);
 
 // True once SIGINT or SIGTERM has come; loops end in good order then.
 bool stopped();

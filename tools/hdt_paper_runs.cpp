@@ -54,8 +54,8 @@ std::string fault_text(const drv_host &host)
     if (host.phase == DRV_HOST_SILENT)
         return "the servo never answered";
     std::string text;
-    for (uint32_t bit = 1; host.phase == DRV_HOST_FAULT && bit != 0; bit <<= 1)
-        if (host.out.fault & bit)
+    for (uint32_t bit = 1; host.phase == DRV_HOST_FAULTED && bit != 0; bit <<= 1)
+        if (host.fault.fault & bit)
             text += (text.empty() ? "" : ", ") + std::string(hdt_fault_str(bit));
     return text;
 }

@@ -3,15 +3,12 @@
 #include "tools/hdt_rig.hpp"
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <random>
 
-#include <sched.h>
-#include <sys/mman.h>
-
+#include "driver/drv_rt.h"
 #include "model/arm_file.hpp"
 #include "tools/hdt_effects.hpp"
 
@@ -188,30 +185,22 @@ drv_writer *open_log(const std::string &path, const hdt_tables &tables, const hd
 
 void go_real_time(const char *who, int priority)
 {
-    sched_param parameter = {};
-    parameter.sched_priority = priority;
-    if (sched_setscheduler(0, SCHED_FIFO, &parameter) != 0)
-        std::fprintf(stderr, "%s: no real-time priority (%s): running as an ordinary process\n", who,
-                     std::strerror(errno));
-    if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0)
-        std::fprintf(stderr, "%s: memory not locked (%s)\n", who, std::strerror(errno));
+    drv_rt_wish wish = {priority, -1, 1};
+    char refused[512];
+    if (drv_rt_enter(&wish, refused, sizeof refused) != 0)
+        std::fprintf(stderr, "%s: %s\n", who, refused);
 }
 
 int explain_end(const char *who, const drv_host &host)
 {
-    if (host.phase == DRV_HOST_SILENT) {
-        std::fprintf(stderr, "%s: the servo never answered: expected a state telegram within %.1f s of 'S'; is it "
-                             "running on this bus?\n", who, host.cfg.answer_s);
-        return 3;
-    }
-    if (host.phase != DRV_HOST_FAULT)
+    drv_host_status status;
+    char line[1024];
+    drv_host_report(&host, &status);
+    if (host.phase == DRV_HOST_DONE && status.end_confirmed)
         return 0;
-    for (uint32_t bit = 1; bit != 0; bit <<= 1)
-        if (host.out.fault & bit)
-            std::fprintf(stderr, "%s: fault: %s (joint mask 0x%x) at %.3f s; brakes are on\n", who,
-                         hdt_fault_str(bit), host.out.fault_joints,
-                         static_cast<double>(host.in.t_us - host.t0_us) * 1e-6);
-    return 1;
+    drv_host_say(&status, host.cycle.core.tables, line, sizeof line);
+    std::fprintf(stderr, "%s: %s\n", who, line);
+    return host.phase == DRV_HOST_SILENT ? 3 : 1;
 }
 
 } // namespace hdt::rig

@@ -63,7 +63,7 @@ void World::servo_until(double t_s)
 
 drv_host_phase World::play(const std::function<bool(World &)> &after)
 {
-    drv_host_phase phase = DRV_HOST_STARTING;
+    drv_host_phase phase = DRV_HOST_IDLE;
     for (uint64_t k = 1; phase < DRV_HOST_DONE; k++) {
         t_s_ = static_cast<double>(k) / rate_hz_;
         servo_until(t_s_);
