@@ -96,7 +96,7 @@ void add_servo(CLI::App &app, int &code)
     auto o = std::make_shared<ServoOptions>();
     CLI::App *sub = app.add_subcommand("servo", "the emulated servo driver and arm, in real time, on a bus");
     sub->add_option("--arm", o->arm, "model file of the arm that is simulated")->required();
-    sub->add_option("--bus", o->bus, "unix:PATH or can:IFACE")->required();
+    sub->add_option("--bus", o->bus, "unix:PATH, can:IFACE, isotp:IFACE or arcnet:IFACE")->required();
     sub->add_option("--task", o->task, "stand where this task starts (default: all joints at zero)");
     sub->add_option("--effect", o->effects, "hide an effect in the plant: NAME=SIZE[@JOINT][:key=value,...]\n" + rig::effect_menu());
     sub->add_option("--effect-file", o->effect_file, "hide the effects in this file, one a line");
