@@ -61,8 +61,7 @@ static int arcnet_recv(void *ctx, struct hdt_frame *f)
         if (n < 0)
             return drv_net_is_on(&b->net) ? HDT_BUS_ERR_AGAIN : HDT_BUS_ERR_DOWN;
         int mine = drv_arcnet_unpack(b->peer, b->own, packet, (size_t)n, f);
-        b->net.health.received += mine == 1;
-        b->net.health.foreign += mine != 1;
+        drv_net_took(&b->net, mine == 1);
         if (mine != 0)
             return mine == 1 ? HDT_BUS_OK : mine;
     }

@@ -48,6 +48,9 @@ int drv_arcnet_unpack(uint8_t from, uint8_t to, const uint8_t *packet, size_t le
 #define DRV_ISOTP_ID_TO_SERVO 0x1feu
 #define DRV_ISOTP_ID_TO_HOST 0x1ffu
 #define DRV_CAN_DATA_MAX 64u
+/* Consecutive frames a receiver takes before the sender waits for the next go-ahead: as many as the
+ * oldest controllers hold (SJA1000: 64 bytes, a frame takes 13) while their processor is elsewhere. */
+#define DRV_ISOTP_BLOCK 4
 
 /* Payload length a CAN FD frame of at least len bytes has: 0..8 12 16 20 24 32 48 64; 0 when more
  * than 64. */

@@ -90,8 +90,7 @@ static int can_recv(void *ctx, struct hdt_frame *f)
         }
         /* a classical frame on our identifier is somebody else's mistake */
         int e = n == (ssize_t)CANFD_MTU ? drv_can_trim(c.data, c.len, b->up, f) : HDT_BUS_ERR_FRAME;
-        b->net.health.received += e == HDT_BUS_OK;
-        b->net.health.foreign += e != HDT_BUS_OK;
+        drv_net_took(&b->net, e == HDT_BUS_OK);
         return e;
     }
     return HDT_BUS_ERR_AGAIN;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * Telegrams of any length over CAN frames of 8 bytes, or of 64: ISO 15765-2 as the kernel does it
- * (can-isotp).  No padding, no gap between frames, no block size: the two nodes are alone.
+ * (can-isotp).  No padding, and no gap between frames: the two nodes are alone.
  *
  * Owns: one ISO-TP socket, and a raw one that receives error frames only.
  * Never: sets up the interface, blocks, sees a segment.
@@ -54,9 +54,10 @@ static void take_errors(struct isotp_bus *b)
     struct canfd_frame c;
     for (int k = 0; k < ERRORS_MAX; k++) {
         ssize_t n = read(b->error_fd, &c, sizeof c);
-        if (n < (ssize_t)CAN_MTU)
-            return; /* what else may be wrong shows at the other socket */
-        if ((c.can_id & CAN_ERR_FLAG) != 0)
+        if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK))
+            return;
+        /* another failure shows at the other socket too, and must not hide what comes after it */
+        if (n >= (ssize_t)CAN_MTU && (c.can_id & CAN_ERR_FLAG) != 0)
             drv_can_error(&b->net, c.can_id, c.data);
     }
 }
@@ -69,13 +70,13 @@ static int isotp_recv(void *ctx, struct hdt_frame *f)
     if (n > 0 && n <= HDT_FRAME_MAX) {
         memcpy(f->data, data, (size_t)n);
         f->len = (uint16_t)n;
-        b->net.health.received++;
+        drv_net_took(&b->net, 1);
         return HDT_BUS_OK;
     }
     int error = n < 0 ? errno : EBADMSG;
     /* a segment missing, one too many, a length that cannot be: that telegram is gone */
     if (error == ETIMEDOUT || error == EILSEQ || error == EBADMSG) {
-        b->net.health.foreign++;
+        drv_net_took(&b->net, 0);
         return HDT_BUS_ERR_FRAME;
     }
     /* nobody gives our segments the go-ahead: no peer, but the line is there */
@@ -131,15 +132,19 @@ static int open_telegrams(struct isotp_bus *b, enum hdt_bus_side side, char *err
     int host = side == HDT_BUS_HOST;
     struct can_isotp_ll_options fd_frames = {.mtu = CANFD_MTU, .tx_dl = FD_DATA, .tx_flags = CANFD_BRS};
     struct can_isotp_options options;
+    struct can_isotp_fc_options pace; /* what we ask of the sender */
     struct sockaddr_can addr = {.can_family = AF_CAN, .can_ifindex = b->net.index};
     addr.can_addr.tp.tx_id = host ? DRV_ISOTP_ID_TO_SERVO : DRV_ISOTP_ID_TO_HOST;
     addr.can_addr.tp.rx_id = host ? DRV_ISOTP_ID_TO_HOST : DRV_ISOTP_ID_TO_SERVO;
     memset(&options, 0, sizeof options);
     options.frame_txtime = CAN_ISOTP_FRAME_TXTIME_ZERO;
+    memset(&pace, 0, sizeof pace);
+    pace.bs = DRV_ISOTP_BLOCK;
     b->fd = drv_net_socket(&b->net, &kind, err, errlen);
     if (b->fd < 0)
         return b->fd;
     if (setsockopt(b->fd, SOL_CAN_ISOTP, CAN_ISOTP_OPTS, &options, sizeof options) < 0 ||
+        setsockopt(b->fd, SOL_CAN_ISOTP, CAN_ISOTP_RECV_FC, &pace, sizeof pace) < 0 ||
         (b->net.mtu >= (int)CANFD_MTU &&
          setsockopt(b->fd, SOL_CAN_ISOTP, CAN_ISOTP_LL_OPTS, &fd_frames, sizeof fd_frames) < 0) ||
         bind(b->fd, (const struct sockaddr *)&addr, sizeof addr) < 0)

@@ -172,6 +172,13 @@ int drv_net_failed(struct drv_net *n, int error)
     return HDT_BUS_ERR_DOWN;
 }
 
+void drv_net_took(struct drv_net *n, int telegram)
+{
+    n->health.received += telegram != 0;
+    n->health.foreign += telegram == 0;
+    (void)drv_net_is_on(n); /* one that was off may be back */
+}
+
 void drv_net_off(struct drv_net *n)
 {
     if (n->health.line != HDT_LINE_OFF)

@@ -50,6 +50,8 @@ int drv_net_fail(const struct drv_net *n, char *err, size_t errlen, const char *
 ssize_t drv_net_recv(struct drv_net *n, int fd, void *data, size_t room);
 /* After a send or receive that failed with this errno: HDT_BUS_ERR_AGAIN, or _DOWN and the line off. */
 int drv_net_failed(struct drv_net *n, int error);
+/* A frame was received: recv gives it (telegram 1), or it was no telegram (0). */
+void drv_net_took(struct drv_net *n, int telegram);
 void drv_net_off(struct drv_net *n);
 void drv_net_on(struct drv_net *n);
 void drv_net_health(const struct drv_net *n, struct hdt_bus_health *h);
