@@ -326,6 +326,50 @@ START_TEST(test_every_length_crosses_by_isotp_on_both_kinds_of_interface)
 }
 END_TEST
 
+START_TEST(test_isotp_is_cut_on_the_wire_as_the_format_document_shows)
+{
+    /* the sequence-42 command of docs/formats.md, section CAN mapping */
+    static const struct { canid_t id; uint8_t len, data[8]; } want[] = {
+        {0x1fe, 8, {0x10, 0x25, 0x2a, 0x43, 0x06, 0xe8, 0x03, 0x00}}, {0x1ff, 3, {0x30, 0x04, 0x00}},
+        {0x1fe, 8, {0x21, 0x00, 0x06, 0xff, 0xff, 0x00, 0x00, 0x01}}, {0x1fe, 8, {0x22, 0x00, 0x00, 0x00, 0x00, 0x02, 0x00, 0x00}},
+        {0x1fe, 8, {0x23, 0x78, 0xec, 0x01, 0x00, 0x00, 0x00, 0x00}}, {0x1fe, 8, {0x24, 0x01, 0x00, 0x00, 0x00, 0x00, 0x09, 0x00}},
+        {0x1ff, 3, {0x30, 0x04, 0x00}}, {0x1fe, 4, {0x25, 0x80, 0xff, 0x7f}},
+    };
+    const char *classical = getenv("HDT_CAN_CLASSICAL") ? getenv("HDT_CAN_CLASSICAL") : "vcan1";
+    struct drv_command c = {.seq = 42, .type = DRV_CYCLIC};
+    struct hdt_bus host, servo;
+    struct hdt_frame f, got;
+    char err[300] = "", name[40];
+    snprintf(name, sizeof name, "can:%s", classical);
+    if (open_both(name, &host, &servo, err, sizeof err) != 0)
+        HDT_SKIP(err);
+    for (int i = 0; i < DRV_AXES; i++)
+        c.axis[i].mode = DRV_AXIS_BRAKE;
+    c.axis[0].mode = c.axis[1].mode = DRV_AXIS_SERVO | DRV_AXIS_TORQUE;
+    c.axis[0].torque_dig = 1000;
+    c.axis[1].torque_dig = -1;
+    c.axis[3].mode = DRV_AXIS_SERVO;
+    c.axis[3].speed_dig = -5000;
+    c.axis[6].mode = DRV_AXIS_BRAKE | DRV_AXIS_DEADMAN;
+    c.axis[6].torque_dig = INT16_MIN;
+    c.axis[6].speed_dig = INT16_MAX;
+    int tap = raw_socket(classical);
+    ck_assert_int_eq(drv_command_encode(DRV_FORMAT_A, &c, &f), 0);
+    ck_assert_int_eq(send_to(&host, &f), HDT_BUS_OK);
+    ck_assert_int_eq(recv_wait(&servo, &got), HDT_BUS_OK);
+    assert_same(&f, &got);
+    for (size_t k = 0; k < sizeof want / sizeof want[0]; k++) {
+        struct can_frame seen;
+        ck_assert_int_eq(read(tap, &seen, sizeof seen), (int)sizeof seen);
+        ck_assert_uint_eq(seen.can_id, want[k].id);
+        ck_assert_uint_eq(seen.can_dlc, want[k].len);
+        ck_assert_mem_eq(seen.data, want[k].data, want[k].len);
+    }
+    close(tap);
+    close_both(&host, &servo);
+}
+END_TEST
+
 START_TEST(test_isotp_without_a_peer_is_full_then_down_then_works)
 {
     const char *classical = getenv("HDT_CAN_CLASSICAL") ? getenv("HDT_CAN_CLASSICAL") : "vcan1";
@@ -597,6 +641,7 @@ static Suite *net_suite(void)
     t = tcase_create("ISO-TP");
     tcase_set_timeout(t, 60);
     tcase_add_test(t, test_every_length_crosses_by_isotp_on_both_kinds_of_interface);
+    tcase_add_test(t, test_isotp_is_cut_on_the_wire_as_the_format_document_shows);
     tcase_add_test(t, test_isotp_without_a_peer_is_full_then_down_then_works);
     tcase_add_test(t, test_bus_off_of_a_controller_is_down_until_it_restarts);
     tcase_add_test(t, test_a_controller_that_does_not_send_is_a_full_queue);
