@@ -123,6 +123,20 @@ public:
     {
     }
 
+    // Does somebody get answers here?  Then our commands, brakes on, would come between.
+    bool in_use()
+    {
+        constexpr uint64_t listen_ns = 200000000u;
+        uint64_t end = clock_.now_ns(clock_.ctx) + listen_ns;
+        hdt_frame f;
+        for (uint64_t now = 0; now < end && !stopped(); now = clock_.now_ns(clock_.ctx)) {
+            if (bus_.recv(bus_.ctx, &f) == HDT_BUS_OK)
+                return true;
+            (void)clock_.sleep_until_ns(clock_.ctx, clock_.now_ns(clock_.ctx) + 1000000u);
+        }
+        return false;
+    }
+
     Link run()
     {
         uint64_t period_ns = static_cast<uint64_t>(1e9 / options_.rate_hz);
@@ -269,8 +283,14 @@ int run(const BusOptions &o)
     if (hdt_bus_open(&bus, o.bus.c_str(), HDT_BUS_HOST, error, sizeof error) != 0)
         throw InputError(error);
     std::fflush(stdout);
+    Probe probe(o, bus);
+    if (probe.in_use()) {
+        hdt_bus_close(&bus);
+        throw InputError(o.bus + ": another host is talking to the servo driver: stop it first; what is sent to try the "
+                                 "link would put its brakes on");
+    }
     rig::go_real_time("hdt bus", 80);
-    Link link = Probe(o, bus).run();
+    Link link = probe.run();
     hdt_bus_health health;
     hdt_bus_get_health(&bus, &health);
     hdt_bus_close(&bus);

@@ -47,7 +47,11 @@ int serve(servo &driver, hdt_bus &bus, const ServoOptions &o)
         }
         for (; next <= now; next += tick_ns)
             servo_tick(&driver);
+        uint64_t other_before = driver.s.other_format;
         servo_serve(&driver, &bus);
+        if (other_before == 0 && driver.s.other_format != 0)
+            std::fprintf(stderr, "hdt servo: a telegram of Format %s was refused: this servo speaks Format %s; give host and "
+                                 "servo the same --format\n", o.format == "A" ? "B" : "A", o.format.c_str());
     }
     std::fprintf(stderr, "hdt servo: %llu telegrams answered, %llu refused, %llu ticks skipped\n",
                  static_cast<unsigned long long>(driver.s.answered), static_cast<unsigned long long>(driver.s.refused),
