@@ -90,14 +90,15 @@ static void arcnet_close(void *ctx)
 static int set_up(struct arcnet_bus *b, const char *iface, char *err, size_t errlen)
 {
     /* no protocol until it is bound, or packets of other interfaces come in between */
-    static const struct drv_net_kind kind = {"arcnet", KIND_ARCNET, AF_PACKET, SOCK_RAW, 0, "the module af_packet"};
+    static const struct drv_net_kind kind = {"arcnet", KIND_ARCNET, AF_PACKET, SOCK_RAW, 0,
+                                             "the module af_packet"};
     b->fd = drv_net_open(&b->net, &kind, iface, err, errlen);
     if (b->fd < 0)
         return b->fd;
     if (b->net.node != 0 && b->net.node != b->own)
         return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen,
-                            "arcnet:%s: the card is node %u, expected %u on this side: load its module with node=%u",
-                            iface, b->net.node, b->own, b->own);
+                            "arcnet:%s: the card is node %u, expected %u on this side: load its module "
+                            "with node=%u", iface, b->net.node, b->own, b->own);
     struct sockaddr_ll at;
     memset(&at, 0, sizeof at);
     at.sll_family = AF_PACKET;
@@ -135,7 +136,8 @@ int drv_arcnet_open(struct hdt_bus *bus, const char *iface, enum hdt_bus_side si
     (void)bus;
     (void)side;
     return drv_bus_fail(HDT_BUS_ERR_NAME, err, errlen,
-                        "arcnet:%.40s: needs Linux's ARCNET drivers: expected unix:PATH on this system", iface);
+                        "arcnet:%.40s: needs Linux's ARCNET drivers: expected unix:PATH on this system",
+                        iface);
 }
 
 #endif

@@ -111,7 +111,8 @@ static void isotp_close(void *ctx)
 
 static int open_errors(struct isotp_bus *b, const char *iface, char *err, size_t errlen)
 {
-    static const struct drv_net_kind kind = {"isotp", DRV_KIND_CAN, AF_CAN, SOCK_RAW, CAN_RAW, DRV_CAN_MODULES};
+    static const struct drv_net_kind kind = {"isotp", DRV_KIND_CAN, AF_CAN, SOCK_RAW, CAN_RAW,
+                                             DRV_CAN_MODULES};
     can_err_mask_t errors = DRV_CAN_ERRORS;
     struct sockaddr_can addr = {.can_family = AF_CAN};
     b->error_fd = drv_net_open(&b->net, &kind, iface, err, errlen);

@@ -56,14 +56,14 @@ static int ask(struct drv_net *n, int fd, int hardware, char *err, size_t errlen
     n->node = (uint8_t)r.ifr_hwaddr.sa_data[0];
     if (n->hardware != hardware)
         return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen,
-                            "%s:%s: an interface of kind %d, expected %d (linux/if_arp.h): see ip link", n->bus,
-                            n->iface, n->hardware, hardware);
+                            "%s:%s: an interface of kind %d, expected %d (linux/if_arp.h): see ip link",
+                            n->bus, n->iface, n->hardware, hardware);
     if (ioctl(fd, SIOCGIFMTU, &r) < 0)
         return drv_net_fail(n, err, errlen, "mtu not known");
     n->mtu = r.ifr_mtu;
     if (ioctl(fd, SIOCGIFFLAGS, &r) < 0 || (r.ifr_flags & IFF_UP) == 0)
-        return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "%s:%s: interface is down: ip link set %s up", n->bus,
-                            n->iface, n->iface);
+        return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen, "%s:%s: interface is down: ip link set %s up",
+                            n->bus, n->iface, n->iface);
     return HDT_BUS_OK;
 }
 
@@ -76,8 +76,8 @@ int drv_net_open(struct drv_net *n, const struct drv_net_kind *kind, const char 
     n->carrier_fd = -1;
     if (iface[0] == '\0' || strlen(iface) >= sizeof n->iface || strchr(iface, '/') != NULL)
         return drv_bus_fail(HDT_BUS_ERR_NAME, err, errlen,
-                            "%s:%.40s: expected %s:IFACE, a name of 1 to %d characters", n->bus, iface, n->bus,
-                            (int)sizeof n->iface - 1);
+                            "%s:%.40s: expected %s:IFACE, a name of 1 to %d characters", n->bus, iface,
+                            n->bus, (int)sizeof n->iface - 1);
     memcpy(n->iface, iface, strlen(iface));
     int fd = drv_net_socket(n, kind, err, errlen);
     if (fd < 0)
@@ -107,8 +107,8 @@ int drv_net_socket(struct drv_net *n, const struct drv_net_kind *kind, char *err
     int fd = socket(kind->family, kind->type | SOCK_NONBLOCK | SOCK_CLOEXEC, kind->protocol);
     if (fd < 0 && (errno == EAFNOSUPPORT || errno == EPROTONOSUPPORT))
         return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen,
-                            "%s:%s: this kernel has no such sockets: load %s, or use unix:PATH", n->bus, n->iface,
-                            kind->module);
+                            "%s:%s: this kernel has no such sockets: load %s, or use unix:PATH", n->bus,
+                            n->iface, kind->module);
     if (fd < 0 && errno == EPERM)
         return drv_bus_fail(HDT_BUS_ERR_DOWN, err, errlen,
                             "%s:%s: not permitted: run as root or with CAP_NET_RAW", n->bus, n->iface);
@@ -209,8 +209,7 @@ static int has_carrier(const struct drv_net *n)
         return pread(n->carrier_fd, &c, 1, 0) == 1 && c == '1';
     memset(&r, 0, sizeof r);
     memcpy(r.ifr_name, n->iface, sizeof n->iface);
-    return ioctl(n->socket_fd, SIOCGIFFLAGS, &r) == 0 && (r.ifr_flags & IFF_UP) != 0 &&
-           (r.ifr_flags & IFF_RUNNING) != 0;
+    return ioctl(n->socket_fd, SIOCGIFFLAGS, &r) == 0 && (r.ifr_flags & IFF_RUNNING) != 0;
 }
 
 int drv_net_is_on(struct drv_net *n)

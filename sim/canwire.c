@@ -32,7 +32,8 @@ uint64_t canwire_frame_ns(const struct canwire_line *line, unsigned data_len)
     if (line->data_bitrate_bps == 0)
         return bits_ns(47 + 8 * n + (34 + 8 * n - 1) / 4, line->bitrate_bps);
     n = fd_len(data_len);
-    return bits_ns(32, line->bitrate_bps) + bits_ns(28 + 5 + (n > 16 ? 5u : 0u) + 10 * n, line->data_bitrate_bps);
+    return bits_ns(32, line->bitrate_bps)
+           + bits_ns(28 + 5 + (n > 16 ? 5u : 0u) + 10 * n, line->data_bitrate_bps);
 }
 
 uint64_t canwire_raw_ns(const struct canwire_line *line, unsigned len)

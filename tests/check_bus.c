@@ -110,7 +110,8 @@ START_TEST(test_a_wrong_name_is_one_line_and_a_zeroed_bus)
 {
     static const char *const names[] = {NULL, "", "unix", "tcp:host", "unix:", "can:", "loop:",
         "UNIX:/x",
-                                        "can:an_interface_name_too_long", "isotp:", "arcnet:", "arcnet:a/b", "can:../x", "eth0"};
+                                        "can:an_interface_name_too_long", "isotp:", "arcnet:",
+                                        "arcnet:a/b", "can:../x", "eth0"};
     static const struct hdt_bus zero;
     for (unsigned i = 0; i < sizeof names / sizeof names[0]; i++) {
         struct hdt_bus b;
@@ -530,7 +531,7 @@ END_TEST
 
 START_TEST(test_arcnet_packets_have_the_bytes_of_the_chip)
 {
-    /* a short packet ends at byte 256 of the chip's page: offset 256 - n [YAMOKOSKI mhipa10arc, if_arcnet.h] */
+    /* a short packet ends at byte 256 of the chip's page: offset 256 - n [mhipa10arc, if_arcnet.h] */
     static const uint8_t start[6] = {0xff, 0xfe, 0xfe, 0x00, 0x05, 'S'};
     struct hdt_frame f = {.len = 2, .data = {5, 'S'}}, got;
     uint8_t packet[DRV_ARCNET_HEAD + HDT_FRAME_MAX];
@@ -553,8 +554,14 @@ START_TEST(test_arcnet_packets_have_the_bytes_of_the_chip)
         packet[2]++;
         ck_assert_int_eq(drv_arcnet_unpack(0xfe, 0xff, packet, len + 4, &got), HDT_BUS_ERR_FRAME);
     }
-    for (unsigned len = 0; len <= 4; len++)
-        ck_assert_int_eq(drv_arcnet_unpack(0xfe, 0xff, (const uint8_t *)"\xfe\xff\x00\x00", len, &got), HDT_BUS_ERR_FRAME);
+    uint8_t other[DRV_ARCNET_HEAD + 300] = {0xfe, 0xff, 0, 0};
+    for (unsigned len = 0; len <= sizeof other; len++) {
+        if (len > DRV_ARCNET_HEAD && len <= DRV_ARCNET_HEAD + HDT_FRAME_MAX)
+            continue;
+        /* nothing, or more than a short packet holds, be its offset ever so right */
+        other[2] = (uint8_t)(256 - (len - DRV_ARCNET_HEAD));
+        ck_assert_int_eq(drv_arcnet_unpack(0xfe, 0xff, other, len, &got), HDT_BUS_ERR_FRAME);
+    }
 }
 END_TEST
 

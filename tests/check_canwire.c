@@ -12,7 +12,8 @@
 START_TEST(test_frames_take_what_the_literature_says)
 {
     /* 135 bits for 8 bytes [Davis et al. 2007]; 55 for none; at 1 Mbit/s a bit is 1 us */
-    struct canwire_line classical = {1000000, 0}, slow = {125000, 0}, fd = {1000000, 1000000}, fast = {500000, 2000000};
+    struct canwire_line classical = {1000000, 0}, slow = {125000, 0};
+    struct canwire_line fd = {1000000, 1000000}, fast = {500000, 2000000};
     ck_assert_uint_eq(canwire_frame_ns(&classical, 8), 135000);
     ck_assert_uint_eq(canwire_frame_ns(&classical, 0), 55000);
     ck_assert_uint_eq(canwire_frame_ns(&slow, 8), 8 * 135000);
@@ -43,7 +44,8 @@ static void put(struct stuffer *s, unsigned bit)
     }
 }
 
-static unsigned stuffed_bits(uint64_t header, unsigned header_bits, const uint8_t *data, unsigned len, unsigned crc)
+static unsigned stuffed_bits(uint64_t header, unsigned header_bits, const uint8_t *data, unsigned len,
+                             unsigned crc)
 {
     struct stuffer s = {2, 0, 0};
     for (unsigned i = header_bits; i-- > 0;)
@@ -64,7 +66,8 @@ START_TEST(test_no_frame_is_longer_than_said_and_one_nearly_is)
         unsigned len = (unsigned)n % 9;
         uint8_t data[8];
         for (unsigned i = 0; i < 8; i++) {
-            static const uint8_t hard[] = {0x00, 0xff, 0x0f, 0x83, 0xe0, 0x7c, 0x1f, 0xc1, 0x3e, 0xf0, 0x78, 0x87};
+            static const uint8_t hard[] = {0x00, 0xff, 0x0f, 0x83, 0xe0, 0x7c,
+                                           0x1f, 0xc1, 0x3e, 0xf0, 0x78, 0x87};
             data[i] = hard[test_random(&rng) % sizeof hard];
         }
         /* start, identifier 11, RTR, IDE, reserved, length 4: any that can be; any check sum */
@@ -90,8 +93,8 @@ START_TEST(test_isotp_counts_frames_as_the_standard_cuts_them)
 {
     struct canwire_line classical = {1000000, 0}, fd = {1000000, 4000000};
     static const struct { unsigned len, classical, fd; } at[] = {
-        {2, 1, 1}, {7, 1, 1}, {8, 3, 1}, {13, 3, 1}, {14, 4, 1}, {34, 6, 1}, {35, 8, 1}, {37, 8, 1}, {60, 11, 1}, {62, 11, 1}, {63, 13, 3},
-        {68, 13, 3}, {74, 14, 3}, {253, 46, 6},
+        {2, 1, 1}, {7, 1, 1}, {8, 3, 1}, {13, 3, 1}, {14, 4, 1}, {34, 6, 1}, {35, 8, 1}, {37, 8, 1},
+        {60, 11, 1}, {62, 11, 1}, {63, 13, 3}, {68, 13, 3}, {74, 14, 3}, {253, 46, 6},
     };
     unsigned frames;
     for (size_t k = 0; k < sizeof at / sizeof at[0]; k++) {

@@ -231,7 +231,7 @@ START_TEST(test_error_frames_become_the_state_of_the_line)
         for (size_t k = 0; k < sizeof at / sizeof at[0]; k++) {
             raw_send(controller, CAN_ERR_FLAG | at[k].id, 8, at[k].second);
             int e = recv_from(&host, &got);
-            /* where errors have a socket of their own the carrier of a vcan, which never goes, is seen at once */
+            /* where errors have a socket of their own, the carrier, which a vcan never loses, is seen at once */
             if (at[k].line == HDT_LINE_OFF && kind == 1) {
                 ck_assert_uint_eq(health_of(&host).offs, 1);
                 continue;
@@ -331,8 +331,10 @@ START_TEST(test_isotp_is_cut_on_the_wire_as_the_format_document_shows)
     /* the sequence-42 command of docs/formats.md, section CAN mapping */
     static const struct { canid_t id; uint8_t len, data[8]; } want[] = {
         {0x1fe, 8, {0x10, 0x25, 0x2a, 0x43, 0x06, 0xe8, 0x03, 0x00}}, {0x1ff, 3, {0x30, 0x04, 0x00}},
-        {0x1fe, 8, {0x21, 0x00, 0x06, 0xff, 0xff, 0x00, 0x00, 0x01}}, {0x1fe, 8, {0x22, 0x00, 0x00, 0x00, 0x00, 0x02, 0x00, 0x00}},
-        {0x1fe, 8, {0x23, 0x78, 0xec, 0x01, 0x00, 0x00, 0x00, 0x00}}, {0x1fe, 8, {0x24, 0x01, 0x00, 0x00, 0x00, 0x00, 0x09, 0x00}},
+        {0x1fe, 8, {0x21, 0x00, 0x06, 0xff, 0xff, 0x00, 0x00, 0x01}},
+        {0x1fe, 8, {0x22, 0x00, 0x00, 0x00, 0x00, 0x02, 0x00, 0x00}},
+        {0x1fe, 8, {0x23, 0x78, 0xec, 0x01, 0x00, 0x00, 0x00, 0x00}},
+        {0x1fe, 8, {0x24, 0x01, 0x00, 0x00, 0x00, 0x00, 0x09, 0x00}},
         {0x1ff, 3, {0x30, 0x04, 0x00}}, {0x1fe, 4, {0x25, 0x80, 0xff, 0x7f}},
     };
     const char *classical = getenv("HDT_CAN_CLASSICAL") ? getenv("HDT_CAN_CLASSICAL") : "vcan1";
@@ -596,10 +598,13 @@ START_TEST(test_arcnet_of_other_nodes_is_not_ours)
     struct hdt_bus servo;
     struct hdt_frame got;
     char err[300] = "";
-    static const uint8_t others[][6] = {{0x07, 0xfe, 0xfe, 0, 1, 'S'}, {0xff, 0x07, 0xfe, 0, 1, 'S'}, {0xff, 0x00, 0xfe, 0, 1, 'S'}};
+    static const uint8_t others[][6] = {{0x07, 0xfe, 0xfe, 0, 1, 'S'},
+                                        {0xff, 0x07, 0xfe, 0, 1, 'S'},
+                                        {0xff, 0x00, 0xfe, 0, 1, 'S'}};
     static const uint8_t wrong[6] = {0xff, 0xfe, 0xfd, 0, 1, 'S'}, ours[6] = {0xff, 0xfe, 0xfe, 0, 1, 'S'};
     ARCNET_OR_SKIP(card, "arc0");
-    ck_assert_msg(hdt_bus_open(&servo, "arcnet:arc0", HDT_BUS_SERVO, err, sizeof err) == HDT_BUS_OK, "%s", err);
+    ck_assert_msg(hdt_bus_open(&servo, "arcnet:arc0", HDT_BUS_SERVO, err, sizeof err) == HDT_BUS_OK, "%s",
+                  err);
     for (int k = 0; k < 3; k++)
         card_gives(card, others[k], 6);
     card_gives(card, ours, 6);

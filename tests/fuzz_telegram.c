@@ -37,7 +37,8 @@ static void telegram(enum drv_format format, int up, const struct hdt_frame *f)
     HOLDS(e == DRV_TELEGRAM_OK && again.len == f->len && memcmp(again.data, f->data, f->len) == 0);
     /* a byte less is no telegram */
     again.len--;
-    HOLDS((up ? drv_state_decode(format, &again, &s) : drv_command_decode(format, &again, &c)) != DRV_TELEGRAM_OK);
+    e = up ? drv_state_decode(format, &again, &s) : drv_command_decode(format, &again, &c);
+    HOLDS(e != DRV_TELEGRAM_OK);
 }
 
 static void can_frame(int up, const uint8_t *data, size_t size)

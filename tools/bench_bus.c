@@ -222,8 +222,8 @@ static int over_socket(const char *name)
     hdt_bus_close(&servo);
     size_t n = TRIPS * ROUNDS;
     double b = quantile(bare_us, n, 0.5), o = quantile(our_us, n, 0.5);
-    printf("%-24.24s p50 %8.2f us, bare %8.2f us: %.2f times (at most %.1f asked); p99 %8.2f, bare %8.2f\n", name, o, b,
-           o / b, MOST, quantile(our_us, n, 0.99), quantile(bare_us, n, 0.99));
+    printf("%-24.24s p50 %8.2f us, bare %8.2f us: %.2f times (at most %.1f asked); p99 %8.2f, bare %8.2f\n",
+           name, o, b, o / b, MOST, quantile(our_us, n, 0.99), quantile(bare_us, n, 0.99));
     return o / b <= MOST ? 0 : 1;
 }
 
@@ -250,12 +250,14 @@ static void in_memory(void)
     drv_loop_pair(&loop, &host, &end);
     struct rig_servo servo = {.bus = end};
     struct hdt_frame down = {.len = DOWN}, up = {.len = UP}, f;
-    NS_OF(memcpy(to, from, DOWN); __asm__ volatile("" ::: "memory"); memcpy(back, to, UP); __asm__ volatile("" ::: "memory"))
+    NS_OF(memcpy(to, from, DOWN); __asm__ volatile("" ::: "memory"); memcpy(back, to, UP);
+          __asm__ volatile("" ::: "memory"))
     bare = quantile(ns, ROUNDS, 0.5);
     NS_OF(host.send(host.ctx, &down); end.recv(end.ctx, &f); end.send(end.ctx, &up); host.recv(host.ctx, &f))
-    printf("%-24s p50 %8.1f ns, two copies %.1f ns (not judged)\n", "loop:, bytes only", quantile(ns, ROUNDS, 0.5), bare);
-    NS_OF((void)drv_command_encode(DRV_FORMAT_A, &c, &f); host.send(host.ctx, &f); rig_serve(&servo); host.recv(host.ctx, &f);
-          (void)drv_state_decode(DRV_FORMAT_A, &f, &servo.state))
+    printf("%-24s p50 %8.1f ns, two copies %.1f ns (not judged)\n", "loop:, bytes only",
+           quantile(ns, ROUNDS, 0.5), bare);
+    NS_OF((void)drv_command_encode(DRV_FORMAT_A, &c, &f); host.send(host.ctx, &f); rig_serve(&servo);
+          host.recv(host.ctx, &f); (void)drv_state_decode(DRV_FORMAT_A, &f, &servo.state))
     printf("%-24s p50 %8.1f ns\n", "loop:, with the codec", quantile(ns, ROUNDS, 0.5));
     (void)drv_cycle_init(&cycle, rig_tables(), &host, NULL);
     in.mode = HDT_MODE_TORQUE;
@@ -268,8 +270,8 @@ static void in_memory(void)
     struct hdt_in alone = cycle.rec.in;
     NS_OF(alone.t_us = t += 1429; alone.count_us = t; (void)hdt_step(&core, &alone, &out))
     step = quantile(ns, ROUNDS, 0.5);
-    printf("%-24s p50 %8.1f ns, of them hdt_step %.1f ns: %.1f ns for telegrams, bus and both ends\n", "cycle over loop:", whole,
-           step, whole - step);
+    printf("%-24s p50 %8.1f ns, of them hdt_step %.1f ns: %.1f ns for telegrams, bus and both ends\n",
+           "cycle over loop:", whole, step, whole - step);
 }
 
 int main(int argc, char **argv)
