@@ -325,6 +325,7 @@ START_TEST(test_bus_says_what_fits_before_anything_is_sent)
     ck_assert_int_eq(sh("$H bus can:can0 --seconds 0 --bitrate 1").code, 1);
     ck_assert_int_eq(sh("$H bus can:can0 --seconds 0 --bitrate 1 --data-bitrate 5").code, 0);
     assert_refused("$H bus arcnet:arc0 --seconds 0 --bitrate 3", "expected a rate of ARCNET", "x");
+    assert_refused("$H bus can0 --seconds 0", "not a bus", "x");
     assert_refused("$H bus unix:$PWD/no", "no servo listens", "x");
     assert_refused("$H bus unix:$PWD/no --format C", "expected A or B", "x");
 }

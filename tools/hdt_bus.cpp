@@ -13,6 +13,7 @@
 #include "driver/hdt_bus.h"
 #include "sim/arcnet.h"
 #include "sim/canwire.h"
+#include "tools/hdt_bus_rate.hpp"
 #include "tools/hdt_cli.hpp"
 #include "tools/hdt_rig.hpp"
 
@@ -268,11 +269,29 @@ bool print_link(const BusOptions &o, Link link, const hdt_bus_health &h)
     return false;
 }
 
-int run(const BusOptions &o)
+// Without --bitrate, what a CAN interface is set up for.
+BusOptions with_rates(BusOptions o)
 {
+    bool can = o.bus.rfind("can:", 0) == 0 || o.bus.rfind("isotp:", 0) == 0;
+    if (!can || o.mbps > 0)
+        return o;
+    CanRates rates = can_rates(o.bus.substr(o.bus.find(':') + 1));
+    o.mbps = rates.nominal_bps * 1e-6;
+    o.data_mbps = rates.data_bps * 1e-6;
+    return o;
+}
+
+int run(const BusOptions &given)
+{
+    BusOptions o = with_rates(given);
     if (o.format != "A" && o.format != "B")
         throw InputError("--format: expected A or B, found " + o.format);
     bool b = o.format == "B";
+    bool known = false;
+    for (const char *kind : {"unix:", "can:", "isotp:", "arcnet:"})
+        known = known || o.bus.rfind(kind, 0) == 0;
+    if (!known)
+        throw InputError(o.bus + ": not a bus: expected unix:PATH, can:IFACE, isotp:IFACE or arcnet:IFACE");
     Lengths len = b ? Lengths{DRV_COMMAND_LEN_B, DRV_STATE_LEN_B} : Lengths{DRV_COMMAND_LEN, DRV_STATE_LEN};
     std::printf("%s: telegrams of Format %s, %u bytes down, %u up\n", o.bus.c_str(), o.format.c_str(), len.down, len.up);
     bool fits = print_wire(o, len);
@@ -307,7 +326,7 @@ void add_bus(CLI::App &app, int &code)
     sub->add_option("--rate", o->rate_hz, "of the control loop, Hz")->capture_default_str()->check(CLI::Range(1.0, 20000.0));
     sub->add_option("--seconds", o->seconds, "to try the link; 0: only say what fits")->capture_default_str()->check(CLI::Range(0.0, 3600.0));
     sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")->capture_default_str();
-    sub->add_option("--bitrate", o->mbps, "the line's, Mbit/s, to be judged; default: the usual ones are listed")->check(CLI::Range(0.01, 100.0));
+    sub->add_option("--bitrate", o->mbps, "the line's, Mbit/s, to be judged; default: what a CAN interface is set to, else the usual ones")->check(CLI::Range(0.01, 100.0));
     sub->add_option("--data-bitrate", o->data_mbps, "of CAN FD's data phase, Mbit/s; default: classical CAN")->check(CLI::Range(0.01, 100.0));
     sub->add_option("--answer", o->answer_us, "us the servo driver takes at most; default: one of its ticks")->capture_default_str();
     sub->callback([o, &code] { code = run(*o); });
