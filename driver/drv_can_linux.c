@@ -15,6 +15,7 @@
 #ifdef __linux__
 
 #include <errno.h>
+#include <linux/can.h>
 #include <linux/can/error.h>
 #include <linux/can/raw.h>
 #include <stdlib.h>
@@ -34,7 +35,7 @@ struct can_bus {
     canid_t send_id;
 };
 
-void drv_can_error(struct drv_net *n, canid_t id, const uint8_t *data)
+void drv_can_error(struct drv_net *n, uint32_t id, const uint8_t *data)
 {
     unsigned c = (id & CAN_ERR_CRTL) != 0 ? data[1] : 0u;
     if ((id & CAN_ERR_RESTARTED) != 0)

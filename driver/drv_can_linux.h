@@ -8,10 +8,6 @@
 #ifndef DRV_CAN_LINUX_H
 #define DRV_CAN_LINUX_H
 
-#ifdef __linux__
-
-#include <linux/can.h>
-
 #include "driver/drv_net_linux.h"
 
 enum { DRV_KIND_CAN = 280 }; /* ARPHRD_CAN */
@@ -20,8 +16,7 @@ enum { DRV_KIND_CAN = 280 }; /* ARPHRD_CAN */
 /* The classes of error frame that say something about the line: controller, bus off, restarted. */
 #define DRV_CAN_ERRORS 0x0144u
 
-/* Put an error frame to the line's health. */
-void drv_can_error(struct drv_net *n, canid_t id, const uint8_t *data);
+/* Put an error frame, its identifier with flags and its 8 bytes, to the line's health. */
+void drv_can_error(struct drv_net *n, uint32_t id, const uint8_t *data);
 
-#endif
 #endif

@@ -15,6 +15,7 @@
 #ifdef __linux__
 
 #include <errno.h>
+#include <linux/can.h>
 #include <linux/can/error.h>
 #include <linux/can/isotp.h>
 #include <linux/can/raw.h>

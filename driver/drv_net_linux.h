@@ -9,8 +9,6 @@
 #ifndef DRV_NET_LINUX_H
 #define DRV_NET_LINUX_H
 
-#ifdef __linux__
-
 #include <sys/types.h>
 
 #include "driver/drv_backend.h"
@@ -58,5 +56,4 @@ void drv_net_health(const struct drv_net *n, struct hdt_bus_health *h);
 /* Is the line there?  Costs a system call only while it was not. */
 int drv_net_is_on(struct drv_net *n);
 
-#endif
 #endif
