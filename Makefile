@@ -40,7 +40,7 @@ SLOW   := $(addprefix $(BUILD)/tests/check_,bench_diagnosis cli dataset diagnose
 LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
 
-.PHONY: all demo paper measured check check-asan run-asan check-vm check-dbc fuzz-telegram bench-bus check-mujoco fmu check-fmu bench bench-sim bench-diagnosis bench-ident install clean help guards
+.PHONY: all demo paper measured check check-asan run-asan check-mujoco fmu check-fmu bench bench-sim bench-diagnosis bench-ident install clean help guards
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -88,6 +88,7 @@ check-fmu: $(BUILD)/fmu_gen $(BUILD)/tests/fmu_direct
 	@CC="$(CC)" OPT="$(OPT)" tools/make-fmu $(BUILD) model/arms/pa10.toml
 	@$(call python,fmpy); $(BUILD)/venv/bin/python tests/fmu_run.py $(BUILD)
 
+.PHONY: check-vm check-dbc fuzz-telegram bench-bus
 ## check-vm: sockets, tests, and host and servo in real time on a PREEMPT_RT kernel with CAN, in QEMU; build/vm/out.all
 check-vm: $(BUILD)/hdt $(addprefix $(BUILD)/tests/check_,bus net telegram)
 	@tools/check-vm all

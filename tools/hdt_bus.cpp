@@ -93,14 +93,15 @@ bool print_wire(const BusOptions &o, Lengths len)
     if (!arcnet && !can && o.bus.rfind("isotp:", 0) != 0)
         return true; // no wire
     double period_us = 1e6 / o.rate_hz;
-    std::printf("on the wire, at most, us; period %.1f us (%g Hz), the servo driver answers within %.0f us\n", period_us,
-                o.rate_hz, o.answer_us);
+    std::printf("on the wire, at most, us; period %.1f us (%g Hz), the servo driver answers within %.0f us\n",
+                period_us, o.rate_hz, o.answer_us);
     std::printf("  %-30s %8s %8s %6s  %s\n", "", "command", "state", "load", "fits");
     bool fits = true;
     for (const Wire &w : arcnet ? arcnet_ways(o, len) : can_ways(o, len, can, !can)) {
         double wire_us = w.down_us + w.up_us, all_us = wire_us + w.wait_us + o.answer_us;
         bool ok = all_us <= period_us;
-        std::printf("  %-30s %8.1f %8.1f %4.0f %%  ", w.name.c_str(), w.down_us, w.up_us, 100 * wire_us / period_us);
+        std::printf("  %-30s %8.1f %8.1f %4.0f %%  ", w.name.c_str(), w.down_us, w.up_us,
+                    100 * wire_us / period_us);
         if (ok)
             std::printf("yes, %.0f us left\n", period_us - all_us);
         else
@@ -111,7 +112,8 @@ bool print_wire(const BusOptions &o, Lengths len)
 }
 
 struct Link {
-    uint64_t sent = 0, answered = 0, lost = 0, dropped = 0, down = 0, other_format = 0, bad = 0, not_awaited = 0;
+    uint64_t sent = 0, answered = 0, lost = 0, dropped = 0, down = 0;
+    uint64_t other_format = 0, bad = 0, not_awaited = 0;
     uint16_t driver_status = 0;
     uint32_t alarms = 0; // bit per axis
     std::vector<double> round_us;
@@ -244,21 +246,22 @@ bool print_link(const BusOptions &o, Link link, const hdt_bus_health &h)
 {
     auto n = [](uint64_t x) { return static_cast<unsigned long long>(x); };
     std::sort(link.round_us.begin(), link.round_us.end());
-    std::printf("link: %g Hz for %g s, all brakes on: %llu sent, %llu answered, %llu lost\n", o.rate_hz, o.seconds,
-                n(link.sent), n(link.answered), n(link.lost));
+    std::printf("link: %g Hz for %g s, all brakes on: %llu sent, %llu answered, %llu lost\n", o.rate_hz,
+                o.seconds, n(link.sent), n(link.answered), n(link.lost));
     if (link.dropped + link.down + link.bad + link.other_format + link.not_awaited > 0)
-        std::printf("  queue full %llu, line down %llu, no telegrams %llu, of the other format %llu, not awaited %llu\n",
-                    n(link.dropped), n(link.down), n(link.bad), n(link.other_format), n(link.not_awaited));
+        std::printf("  queue full %llu, line down %llu, no telegrams %llu, of the other format %llu, "
+                    "not awaited %llu\n", n(link.dropped), n(link.down), n(link.bad), n(link.other_format), n(link.not_awaited));
     if (link.answered > 0) {
         std::printf("  round trip: p50 %.0f us, p99 %.0f us, worst %.0f us%s\n", quantile(link.round_us, 0.5),
                     quantile(link.round_us, 0.99), link.round_us.back(),
                     h.received_ns != 0 ? " (stamped by the kernel)" : "");
         unsigned alarm = (link.driver_status & DRV_AXIS_ALARM_MASK) >> DRV_ALARM_SHIFT;
-        std::printf("  servo driver: %s, axes with alarms: mask 0x%02x\n", drv_driver_alarm_str(alarm), link.alarms);
+        std::printf("  servo driver: %s, axes with alarms: mask 0x%02x\n", drv_driver_alarm_str(alarm),
+                    link.alarms);
     }
     if (h.line != HDT_LINE_UNKNOWN)
-        std::printf("  line: %s; off %llu times, back %llu; overruns %llu, foreign %llu\n", hdt_line_str(h.line), n(h.offs),
-                    n(h.restarts), n(h.overruns), n(h.foreign));
+        std::printf("  line: %s; off %llu times, back %llu; overruns %llu, foreign %llu\n",
+                    hdt_line_str(h.line), n(h.offs), n(h.restarts), n(h.overruns), n(h.foreign));
     if (link.answered > 0)
         return link.lost == 0 && link.dropped == 0 && link.down == 0;
     if (link.other_format > 0)
@@ -293,7 +296,8 @@ int run(const BusOptions &given)
     if (!known)
         throw InputError(o.bus + ": not a bus: expected unix:PATH, can:IFACE, isotp:IFACE or arcnet:IFACE");
     Lengths len = b ? Lengths{DRV_COMMAND_LEN_B, DRV_STATE_LEN_B} : Lengths{DRV_COMMAND_LEN, DRV_STATE_LEN};
-    std::printf("%s: telegrams of Format %s, %u bytes down, %u up\n", o.bus.c_str(), o.format.c_str(), len.down, len.up);
+    std::printf("%s: telegrams of Format %s, %u bytes down, %u up\n", o.bus.c_str(), o.format.c_str(),
+                len.down, len.up);
     bool fits = print_wire(o, len);
     if (o.seconds <= 0)
         return fits ? Ok : No;
