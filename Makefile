@@ -97,6 +97,19 @@ check-fmu: $(BUILD)/fmu_gen $(BUILD)/tests/fmu_direct
 	@CC="$(CC)" OPT="$(OPT)" tools/make-fmu $(BUILD) model/arms/pa10.toml
 	@$(call python,fmpy); $(BUILD)/venv/bin/python tests/fmu_run.py $(BUILD)
 
+.PHONY: check-vm check-dbc fuzz-telegram bench-bus
+## check-vm: sockets, tests, and host and servo in real time on a PREEMPT_RT kernel with CAN, in QEMU; build/vm/out.all
+check-vm: $(BUILD)/hdt $(addprefix $(BUILD)/tests/check_,bus net telegram)
+	@tools/check-vm all
+
+## check-dbc: cantools (by pip, in build/) decodes our CAN traffic by docs/hdt-servo.dbc to our numbers; check-vm's too
+check-dbc: $(BUILD)/tests/can_traffic
+	@$(call python,cantools); $(BUILD)/venv/bin/python tests/dbc_decode.py $(BUILD)
+
+## fuzz-telegram: RUNS=300000 of libFuzzer over codec, CAN padding and ARCNET packets, under sanitizers (clang-19)
+fuzz-telegram:
+	@tools/fuzz-telegram $(BUILD) $(or $(RUNS),300000)
+
 guards: $(CTRL)
 	@tools/check-layers
 	@tools/check-core-symbols $(CTRL)
@@ -129,6 +142,11 @@ bench: $(BENCH) bench-sim
 bench-sim: $(BUILD)/bench_sim
 	@$(BUILD)/bench_sim
 	@$(call python,mujoco); $(BUILD)/venv/bin/python tools/bench_mujoco.py $(BUILD)
+
+## bench-bus: round trips over our buses beside a bare ping-pong of the same bytes; CAN in check-vm's machine
+bench-bus: $(BUILD)/bench_bus $(BUILD)/hdt
+	@$(BUILD)/bench_bus
+	@tools/check-vm bench
 
 ## bench-diagnosis: hidden effects in many arms, named or not; N=3 of each, JOBS= at a time; build/bench-diagnosis/page.md
 bench-diagnosis: $(BUILD)/hdt $(BUILD)/bench_diagnosis

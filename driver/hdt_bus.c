@@ -14,6 +14,8 @@
 #include "driver/drv_backend.h"
 #include "driver/drv_telegram.h"
 
+#define NAMES "unix:PATH, can:IFACE, isotp:IFACE or arcnet:IFACE"
+
 int drv_bus_fail(int code, char *err, size_t errlen, const char *fmt, ...)
 {
     if (err != NULL && errlen > 0) {
@@ -31,18 +33,22 @@ int hdt_bus_open(struct hdt_bus *bus, const char *name, enum hdt_bus_side side, 
     memset(bus, 0, sizeof *bus);
     if (name == NULL)
         return drv_bus_fail(HDT_BUS_ERR_NAME, err, errlen,
-                            "no bus given: expected unix:PATH or can:IFACE");
+                            "no bus given: expected " NAMES);
     const char *rest = strchr(name, ':');
     if (rest != NULL && strncmp(name, "unix:", 5) == 0)
         return drv_unix_open(bus, rest + 1, side, err, errlen);
     if (rest != NULL && strncmp(name, "can:", 4) == 0)
         return drv_can_open(bus, rest + 1, side, err, errlen);
+    if (rest != NULL && strncmp(name, "isotp:", 6) == 0)
+        return drv_isotp_open(bus, rest + 1, side, err, errlen);
+    if (rest != NULL && strncmp(name, "arcnet:", 7) == 0)
+        return drv_arcnet_open(bus, rest + 1, side, err, errlen);
     if (rest != NULL && strncmp(name, "loop:", 5) == 0)
         return drv_bus_fail(HDT_BUS_ERR_NAME, err, errlen,
                             "%s: has both ends in one process and cannot be opened by name: "
                             "use unix:PATH between two processes", name);
     return drv_bus_fail(HDT_BUS_ERR_NAME, err, errlen,
-                        "%.200s: not a bus: expected unix:PATH or can:IFACE", name);
+                        "%.200s: not a bus: expected " NAMES, name);
 }
 
 void hdt_bus_close(struct hdt_bus *bus)
@@ -50,6 +56,25 @@ void hdt_bus_close(struct hdt_bus *bus)
     if (bus->close != NULL)
         bus->close(bus->ctx);
     memset(bus, 0, sizeof *bus);
+}
+
+void hdt_bus_get_health(const struct hdt_bus *bus, struct hdt_bus_health *h)
+{
+    memset(h, 0, sizeof *h);
+    if (bus->health != NULL)
+        bus->health(bus->ctx, h);
+}
+
+const char *hdt_line_str(enum hdt_line line)
+{
+    switch (line) {
+    case HDT_LINE_UNKNOWN: return "unknown";
+    case HDT_LINE_ACTIVE: return "active";
+    case HDT_LINE_WARNING: return "error warning";
+    case HDT_LINE_PASSIVE: return "error passive";
+    case HDT_LINE_OFF: return "off";
+    }
+    return "unknown";
 }
 
 const char *hdt_bus_strerror(int err)

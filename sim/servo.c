@@ -412,7 +412,9 @@ int servo_answer(struct servo *v, const struct hdt_frame *in, struct hdt_frame *
 {
     struct drv_command c;
     if (drv_command_decode(v->cfg.format, in, &c) != DRV_TELEGRAM_OK) {
+        enum drv_format other = v->cfg.format == DRV_FORMAT_A ? DRV_FORMAT_B : DRV_FORMAT_A;
         v->s.refused++;
+        v->s.other_format += drv_command_decode(other, in, &c) == DRV_TELEGRAM_OK;
         return 0;
     }
     struct drv_state s = { .seq = c.seq, .type = c.type, .axis_no = c.axis_no, .address = c.address };

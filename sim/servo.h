@@ -73,6 +73,7 @@ struct servo_state {
     double speed_radps[PLANT_JOINTS_MAX];  /* and speed, output side                      */
     uint64_t rng;
     uint64_t answered, refused;            /* telegrams */
+    uint64_t other_format;                 /* of the refused: good ones of the format not spoken here */
 };
 
 struct servo {

@@ -300,7 +300,7 @@ START_TEST(test_format_b_wants_a_bus_that_carries_it_and_rated_torques)
     must("sed /torque_rated/d $A >unrated.toml");
     for (const char *end : {"$H servo --arm ", "$H host --out x.csv --model "}) {
         assert_refused(std::string(end) + "$A --bus unix:$PWD/bus --format C", "expected A or B, found C", "bus");
-        assert_refused(std::string(end) + "$A --bus can:vcan0 --format B", "unix:PATH", "x.csv");
+        assert_refused(std::string(end) + "$A --bus can:vcan0 --format B", "isotp:IFACE", "x.csv");
         assert_refused(std::string(end) + "unrated.toml --bus unix:$PWD/bus --format B",
                        "unrated.toml: joint.1.motor.torque_rated", "bus");
     }
@@ -317,13 +317,27 @@ START_TEST(test_servo_that_never_answers_is_said_and_leaves_no_log)
 }
 END_TEST
 
+START_TEST(test_bus_says_what_fits_before_anything_is_sent)
+{
+    // 276.0 + 377.2 us of messages, two waits for the token, 665 us of the servo driver: 1.43 ms (docs/formats.md)
+    ck_assert_int_eq(sh("$H bus arcnet:arc0 --seconds 0 --bitrate 2.5 --rate 690").code, 0);
+    ck_assert_int_eq(sh("$H bus arcnet:arc0 --seconds 0 --bitrate 2.5 --rate 710").code, 1);
+    ck_assert_int_eq(sh("$H bus can:can0 --seconds 0 --bitrate 1").code, 1);
+    ck_assert_int_eq(sh("$H bus can:can0 --seconds 0 --bitrate 1 --data-bitrate 5").code, 0);
+    assert_refused("$H bus arcnet:arc0 --seconds 0 --bitrate 3", "expected a rate of ARCNET", "x");
+    assert_refused("$H bus can0 --seconds 0", "not a bus", "x");
+    assert_refused("$H bus unix:$PWD/no", "no servo listens", "x");
+    assert_refused("$H bus unix:$PWD/no --format C", "expected A or B", "x");
+}
+END_TEST
+
 START_TEST(test_usage_errors_are_two_and_help_is_zero)
 {
     ck_assert_int_eq(sh("$H").code, 2);
     ck_assert_int_eq(sh("$H simulate").code, 2);
     ck_assert_int_eq(sh("$H sim --arm $A").code, 2);
     ck_assert_int_eq(sh("$H sim --arm $A --out x.csv --efect a=1").code, 2);
-    for (const char *sub : {"", "sim", "servo", "host", "ident", "diagnose", "gen", "replay", "log", "log cut", "compare"})
+    for (const char *sub : {"", "sim", "servo", "host", "ident", "diagnose", "gen", "replay", "log", "log cut", "compare", "bus"})
         ck_assert_int_eq(sh(std::string("$H ") + sub + " --help").code, 0);
     assert_refused("$H sim --arm $A --out x.csv --effect cable=1", "known effects", "x.csv");
     assert_refused("$H sim --arm $A --out x.csv --task lemon", "lemniscate", "x.csv");
@@ -350,6 +364,7 @@ static Suite *cli_suite(void)
     tcase_add_test(bad, test_bus_that_is_not_there_is_said_in_one_line);
     tcase_add_test(bad, test_format_b_wants_a_bus_that_carries_it_and_rated_torques);
     tcase_add_test(bad, test_servo_that_never_answers_is_said_and_leaves_no_log);
+    tcase_add_test(bad, test_bus_says_what_fits_before_anything_is_sent);
     tcase_add_test(bad, test_usage_errors_are_two_and_help_is_zero);
     suite_add_tcase(s, bad);
     return s;

@@ -7,6 +7,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "driver/drv_backend.h"
 #include "driver/drv_telegram.h"
 #include "tests/check_main.h"
 
@@ -668,6 +669,26 @@ START_TEST(test_the_format_document_shows_these_bytes)
     static const uint8_t select[][4] = {{3, 'M', 2, 0}, {4, 'R', 7, 0}, {5, 'A', 6, 0}, {5, 'A', 0, 6}};
     for (unsigned k = 0; k < 4; k++)
         ck_assert_ptr_nonnull(find_hex(at, select[k], 4));
+    /* the command as one CAN FD frame, as candump has it, and by ISO-TP, cut here once more */
+    char line[160] = "can0 0FE##1";
+    ck_assert_int_eq(drv_command_encode(DRV_FORMAT_A, &c, &f), DRV_TELEGRAM_OK);
+    for (unsigned i = 0; i < 48; i++)
+        sprintf(line + strlen(line), "%02X", i < f.len ? f.data[i] : 0u);
+    strcat(line, "\n");
+    ck_assert_ptr_nonnull(at = strstr(at, line));
+    for (unsigned cut = 0, from = 0; from < f.len; cut++) {
+        unsigned most = cut == 0 ? 6 : 7;
+        sprintf(line, cut == 0 ? "can0 1FE#10%02X" : "can0 1FE#%02X", cut == 0 ? f.len : 0x20 + cut);
+        for (unsigned i = 0; i < most && from < f.len; i++)
+            sprintf(line + strlen(line), "%02X", f.data[from++]);
+        ck_assert_ptr_nonnull(at = strstr(at, line));
+    }
+    /* and S as ARCNET packets */
+    struct drv_command start = {.seq = 5, .type = DRV_START};
+    uint8_t packet[DRV_ARCNET_HEAD + HDT_FRAME_MAX];
+    ck_assert_int_eq(drv_command_encode(DRV_FORMAT_A, &start, &f), DRV_TELEGRAM_OK);
+    ck_assert_ptr_nonnull(at = find_hex(at, packet, drv_arcnet_pack(DRV_NODE_HOST, DRV_NODE_SERVO, &f, packet)));
+    ck_assert_ptr_nonnull(find_hex(at, packet, drv_arcnet_pack(DRV_NODE_SERVO, DRV_NODE_HOST, &f, packet)));
 }
 END_TEST
 

@@ -98,6 +98,7 @@ int main(int argc, char **argv)
     add_sim(app, code);
     add_servo(app, code);
     add_host(app, code);
+    add_bus(app, code);
     add_ident(app, code);
     add_diagnose(app, code);
     add_gen(app, code);

@@ -20,6 +20,7 @@ enum Exit { Ok = 0, No = 1, Usage = 2, BadInput = 3 };
 void add_sim(CLI::App &app, int &code);
 void add_servo(CLI::App &app, int &code);
 void add_host(CLI::App &app, int &code);
+void add_bus(CLI::App &app, int &code);
 void add_ident(CLI::App &app, int &code);
 void add_diagnose(CLI::App &app, int &code);
 void add_gen(CLI::App &app, int &code);

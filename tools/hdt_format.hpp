@@ -24,7 +24,7 @@ inline drv_format format_of(const std::string &text, const std::string &bus)
         throw InputError("--format: expected A or B, found " + text);
     if (text == "B" && bus.rfind("can:", 0) == 0)
         throw InputError("--format B: its state telegram of " + std::to_string(DRV_STATE_LEN_B) +
-                         " bytes does not fit into a CAN FD frame of 64: use unix:PATH");
+                         " bytes does not fit into a CAN FD frame of 64: use isotp:IFACE");
     return text == "B" ? DRV_FORMAT_B : DRV_FORMAT_A;
 }
 

@@ -278,7 +278,7 @@ void add_host(CLI::App &app, int &code)
     auto o = std::make_shared<HostOptions>();
     CLI::App *sub = app.add_subcommand("host", "the control loop in real time, over a bus");
     sub->add_option("--model", o->model, "model file")->required();
-    sub->add_option("--bus", o->bus, "unix:PATH or can:IFACE")->required();
+    sub->add_option("--bus", o->bus, "unix:PATH, can:IFACE, isotp:IFACE or arcnet:IFACE")->required();
     sub->add_option("--task", o->task, "reference motion")->capture_default_str();
     sub->add_option("--mode", o->mode, "torque or velocity")->capture_default_str();
     sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")->capture_default_str();

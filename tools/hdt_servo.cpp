@@ -47,7 +47,11 @@ int serve(servo &driver, hdt_bus &bus, const ServoOptions &o)
         }
         for (; next <= now; next += tick_ns)
             servo_tick(&driver);
+        uint64_t other_before = driver.s.other_format;
         servo_serve(&driver, &bus);
+        if (other_before == 0 && driver.s.other_format != 0)
+            std::fprintf(stderr, "hdt servo: a telegram of Format %s was refused: this servo speaks Format %s; give host and "
+                                 "servo the same --format\n", o.format == "A" ? "B" : "A", o.format.c_str());
     }
     std::fprintf(stderr, "hdt servo: %llu telegrams answered, %llu refused, %llu ticks skipped\n",
                  static_cast<unsigned long long>(driver.s.answered), static_cast<unsigned long long>(driver.s.refused),
@@ -96,7 +100,7 @@ void add_servo(CLI::App &app, int &code)
     auto o = std::make_shared<ServoOptions>();
     CLI::App *sub = app.add_subcommand("servo", "the emulated servo driver and arm, in real time, on a bus");
     sub->add_option("--arm", o->arm, "model file of the arm that is simulated")->required();
-    sub->add_option("--bus", o->bus, "unix:PATH or can:IFACE")->required();
+    sub->add_option("--bus", o->bus, "unix:PATH, can:IFACE, isotp:IFACE or arcnet:IFACE")->required();
     sub->add_option("--task", o->task, "stand where this task starts (default: all joints at zero)");
     sub->add_option("--effect", o->effects, "hide an effect in the plant: NAME=SIZE[@JOINT][:key=value,...]\n" + rig::effect_menu());
     sub->add_option("--effect-file", o->effect_file, "hide the effects in this file, one a line");
