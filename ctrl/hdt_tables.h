@@ -17,11 +17,12 @@ extern "C" {
 #endif
 
 #define HDT_TABLES_MAGIC 0x4d544448u /* "HDTM" little endian */
-#define HDT_TABLES_LAYOUT 1u         /* bump on any change of the structs below */
+#define HDT_TABLES_LAYOUT 2u         /* bump on any change of the structs below */
 #define HDT_JOINTS_MAX 16
 #define HDT_RIPPLE_KNOTS 1024  /* over one wave-generator turn, 16 counts apart, linear between */
 #define HDT_FRICTION_KNOTS 129 /* over |v| = 0 .. 128 << friction_shift, linear between        */
 #define HDT_LINES_MAX 4
+#define HDT_SPRING_MAX_Q16 (1 << 27) /* N.m  a spring pulls no harder than 2048 */
 
 /* Terms a joint may use; a bit not set costs one branch. */
 enum hdt_term {
@@ -39,6 +40,14 @@ enum hdt_term {
     HDT_TERM_P,           /* feedback kp (q_ref - q)                                            */
     HDT_TERM_D,           /* feedback kd (v_ref - v_filtered)                                   */
     HDT_TERMS
+};
+
+/* What a link is spared because its numbers are as simple as they look. */
+enum hdt_chain {
+    HDT_CHAIN_RIGHT = 1u << 0, /* the twist is a quarter turn: cosine 0, sine 1                */
+    HDT_CHAIN_STEP = 1u << 1,  /* the origin is not that of the previous link                  */
+    HDT_CHAIN_FAR = 1u << 2,   /* nor that of the first: it accelerates (links 2.. after a step) */
+    HDT_CHAIN_SKEW = 1u << 3   /* some second moment xy, xz, yz is not zero                    */
 };
 
 /* One direction of motion, [0] positive, [1] negative; the value is joint-signed (it is added as
@@ -67,15 +76,16 @@ struct hdt_joint_tab {
     uint32_t rad_per_count_q44;  /* rad output per count                                     */
     uint64_t phase_per_count_q24;/* output phase units (2^32 a turn) per count               */
 
-    /* link geometry and inertia: joint frame fixed in link, rotation about its z */
-    int32_t rot_q30[9];          /* columns: joint axes at q = 0 in the previous link's frame;
-                                  * row-major, v_previous = rot * v_joint                    */
-    int32_t trans_q24[3];        /* m  joint origin in the previous link frame                */
-    int32_t mass_q20;            /* kg                                                       */
-    int32_t moment_q20[3];       /* kg.m   first moment about the joint origin                */
-    int32_t inertia_q20[6];      /* kg.m^2 about the joint origin: xx xy xz yy yz zz          */
-    int32_t hold_moment_q20[3];  /* kg.m   first moment of link plus all later mass at the next origin */
+    /* link geometry and inertia in the frames of hdt_chain.h, which are not the model's */
+    uint32_t chain;              /* enum hdt_chain: what the numbers below spare the core     */
+    uint32_t phase0;             /* angle between the frames' x axes at q = 0, 2^32 a turn    */
+    int32_t twist_cos_q30, twist_sin_q30; /* about x, from the previous axis to this one      */
+    int32_t step_q24[2];         /* m  x, y of the link's origin in the previous link's frame; z is 0 */
+    int32_t moment_q20[2];       /* kg.m   first moment, x y                                  */
+    int32_t second_q20[5];       /* kg.m^2 integral of r r': xx xy xz yy yz; zz is 0          */
     int32_t rotor_q20;           /* kg.m^2 rotor and wave generator, reflected to the output  */
+    int32_t v_lim_q24;           /* rad/s   reference speed the terms follow; beyond, they hold it */
+    int32_t a_lim_q16;           /* rad/s^2 the same of acceleration                          */
 
     /* friction */
     int32_t v_ramp_inv_q16;      /* s/rad  1 / ramp: direction = clamp(v_ref / ramp, -1, 1)   */

@@ -87,13 +87,16 @@ struct Writer {
         field("zero_cnt", j.zero_cnt);
         field("rad_per_count_q44", j.rad_per_count_q44);
         field("phase_per_count_q24", j.phase_per_count_q24);
-        array("rot_q30", j.rot_q30);
-        array("trans_q24", j.trans_q24);
-        field("mass_q20", j.mass_q20);
+        field("chain", j.chain);
+        field("phase0", j.phase0);
+        field("twist_cos_q30", j.twist_cos_q30);
+        field("twist_sin_q30", j.twist_sin_q30);
+        array("step_q24", j.step_q24);
         array("moment_q20", j.moment_q20);
-        array("inertia_q20", j.inertia_q20);
-        array("hold_moment_q20", j.hold_moment_q20);
+        array("second_q20", j.second_q20);
         field("rotor_q20", j.rotor_q20);
+        field("v_lim_q24", j.v_lim_q24);
+        field("a_lim_q16", j.a_lim_q16);
     }
 
     void friction(const hdt_joint_tab &j)

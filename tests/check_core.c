@@ -40,7 +40,7 @@ static void start_walk(uint64_t *r)
     for (uint32_t j = 0; j < arm.joints; j++) {
         walk.phase[j] = test_uniform(r, 0, 6);
         walk.rate[j] = test_uniform(r, 0.5, 8);
-        walk.size[j] = test_uniform(r, 0.05, 0.4);
+        walk.size[j] = test_uniform(r, 0.05, 0.4) * ref_size(arm.joints);
     }
     in.mode = HDT_MODE_TORQUE;
     in.active = (1u << arm.joints) - 1;
@@ -125,18 +125,16 @@ static void assert_period_agrees(int n, int k)
     struct ref_motion m[HDT_JOINTS_MAX];
     double q[HDT_JOINTS_MAX] = {0}, v[HDT_JOINTS_MAX] = {0}, a[HDT_JOINTS_MAX] = {0};
     double g[HDT_JOINTS_MAX], i[HDT_JOINTS_MAX];
-    double mass = 0;
     for (uint32_t j = 0; j < arm.joints; j++) {
         follow(j, &m[j]);
         q[j] = m[j].q;
         v[j] = m[j].v_ref;
         a[j] = m[j].a_ref;
-        mass += D(arm.joint[j].mass_q20, 20);
     }
     ref_gravity(&arm, q, g);
     ref_inertia(&arm, q, v, a, i);
     const double chain = ref_gravity_tolerance(&arm);
-    const double rigid = sqrt(arm.joints) * (1 + 0.3 * arm.joints) * (2 * LSB_NM + 0x1p-20 * mass);
+    const double rigid = ref_inertia_tolerance(&arm);
     for (uint32_t j = 0; j < arm.joints; j++) {
         const struct hdt_joint_tab *t = &arm.joint[j];
         int64_t total = 0;
@@ -259,6 +257,7 @@ START_TEST(test_a_joint_alone_is_the_joint_in_the_crowd)
         alone = arm;
         alone.joints = 1;
         alone.joint[0] = arm.joint[5];
+        ref_chain_flags(&alone);
         hdt_t one;
         struct hdt_in in_one;
         struct hdt_out out_one;

@@ -298,20 +298,18 @@ START_TEST(test_payload_is_a_heavier_last_link)
         link.inertia_kgm2[i] +=
             m * ((row[i] == column[i] ? square : 0) - at[row[i]] * at[column[i]]);
     const Made a = make(with_payload), b = make(with_link);
-    for (int j = 0; j < 7; j++)
-        for (int i = 0; i < 6; i++) {
-            ck_assert_int_le(std::abs(a.tables->joint[j].mass_q20 - b.tables->joint[j].mass_q20),
-                             1);
-            ck_assert_int_le(std::abs(a.tables->joint[j].moment_q20[i % 3]
-                                      - b.tables->joint[j].moment_q20[i % 3]),
-                             1);
-            ck_assert_int_le(
-                std::abs(a.tables->joint[j].inertia_q20[i] - b.tables->joint[j].inertia_q20[i]), 1);
-            ck_assert_int_le(std::abs(a.tables->joint[j].hold_moment_q20[i % 3]
-                                      - b.tables->joint[j].hold_moment_q20[i % 3]),
-                             1);
-        }
-    ck_assert_int_gt(a.tables->joint[6].mass_q20, make(pa10()).tables->joint[6].mass_q20);
+    for (int j = 0; j < 7; j++) {
+        const hdt_joint_tab &one = a.tables->joint[j], &other = b.tables->joint[j];
+        for (int i = 0; i < 2; i++)
+            ck_assert_int_le(std::abs(one.moment_q20[i] - other.moment_q20[i]), 1);
+        for (int i = 0; i < 5; i++)
+            ck_assert_int_le(std::abs(one.second_q20[i] - other.second_q20[i]), 1);
+    }
+    // and it is there: what lies off the last axis, and what is booked onto links before
+    const Made without = make(pa10());
+    ck_assert_int_ne(a.tables->joint[6].moment_q20[0], without.tables->joint[6].moment_q20[0]);
+    ck_assert_int_ne(a.tables->joint[1].moment_q20[0] + a.tables->joint[1].moment_q20[1],
+                     without.tables->joint[1].moment_q20[0] + without.tables->joint[1].moment_q20[1]);
 }
 END_TEST
 
@@ -397,7 +395,7 @@ static const Refused refused_table[] = {
     {[](hdt_arm *a) { a->joint[1].ratio = 20000; },
      "joint.2.gear.ratio: expected a number from 2 to 10000"},
     {[](hdt_arm *a) { a->joint[1].kp_m_nmprad = 700; },
-     "joint.2.feedback.kp (times ratio): expected a number from 0 to 32768"},
+     "joint.2.feedback.kp (times ratio): expected a number from 0 to 16384"},
     {[](hdt_arm *a) { a->joint[1].kd_m_nmspr = INFINITY; },
      "joint.2.feedback.kd (times ratio): expected a number"},
     {[](hdt_arm *a) { a->joint[1].tau_max_m_nm = 0; },
@@ -407,6 +405,22 @@ static const Refused refused_table[] = {
      "tables, found 33"},
     {[](hdt_arm *a) { a->joint[1].v_max_radps = 110; },
      "joint.2.limits.speed (times 1.2): expected a number from -128 to 128"},
+    {[](hdt_arm *a) { a->joint[1].v_max_radps = 40; },
+     "joint.5.limits.speed: expected joint speeds"},
+    {[](hdt_arm *a) {
+         a->joint[1].moment_kgm[0] = 1000;
+         a->joint[2].moment_kgm[0] = 1000;
+     },
+     "joint.3.link.com: expected a holding torque below 16384 N.m"},
+    {[](hdt_arm *a) { a->joint[6].inertia_kgm2[0] = 2000; },
+     "joint.7.link.inertia: expected forces"},
+    {[](hdt_arm *a) {
+         a->joint[1].spring_nmprad = 10;
+         a->joint[1].stiffness[0].slope[1] = 100;
+     },
+     "joint.2.stiffness: expected lines below 32767 N.m"},
+    {[](hdt_arm *a) { a->joint[1].friction[1].fv_nmspr = 30000; },
+     "joint.2.friction: expected less than 32767 N.m"},
     {[](hdt_arm *a) { a->joint[1].q_max_rad = 130; },
      "joint.2.limits.position: expected a number from -128 to 128"},
     {[](hdt_arm *a) { a->joint[1].mass_kg = 3000; }, "joint.2.link.mass: expected a number from"},
@@ -530,48 +544,52 @@ START_TEST(test_image_is_laid_out_as_documented)
     const hdt_tables &t = *made.tables;
     std::vector<uint8_t> image(hdt_tables_size(7));
     hdt_tables_write(&t, image.data(), image.size());
-    ck_assert_uint_eq(image.size(), 120 + 3440 * 7 + 4);
-    ck_assert(std::memcmp(image.data(), "HDTM\1\0\0\0", 8) == 0);
+    ck_assert_uint_eq(image.size(), 120 + 3400 * 7 + 4);
+    ck_assert(std::memcmp(image.data(), "HDTM\2\0\0\0", 8) == 0);
     ck_assert(std::memcmp(&image[8], t.digest, 32) == 0);
     ck_assert(std::memcmp(&image[40], "pa10\0", 5) == 0);
     ck_assert_int_eq(word_at(image, 72), 7);
     ck_assert_int_eq(word_at(image, 80), 700 << 16);
     ck_assert_int_eq(word_at(image, 116), t.biquad_q28[4]);
-    const std::size_t joint = 120 + 3440;
+    const std::size_t joint = 120 + 3400;
     const hdt_joint_tab &tab = t.joint[1];
     const std::pair<std::size_t, int32_t> words[] = {
         {0, static_cast<int32_t>(tab.terms)},
         {12, static_cast<int32_t>(tab.rad_per_count_q44)},
-        {24, tab.rot_q30[0]},
-        {60, tab.trans_q24[0]},
-        {72, tab.mass_q20},
-        {80, tab.moment_q20[1]},
-        {88, tab.inertia_q20[0]},
-        {116, tab.hold_moment_q20[1]},
-        {124, tab.rotor_q20},
-        {128, tab.v_ramp_inv_q16},
-        {132, static_cast<int32_t>(tab.friction_shift)},
-        {136 + 4 * 129, tab.friction_q16[1][0]},
-        {1164, tab.friction_q16[1][128]},
-        {3216, tab.stiffness[0].t1_q16},
-        {3248, tab.stiffness[1].t1_q16},
-        {3276, tab.stiffness[1].slope_q24[2]},
-        {3280, 2},
-        {3292, tab.line[0].amplitude_q16},
-        {3304 + 8, tab.line[1].amplitude_q16},
-        {3364, tab.load_mu_q24},
-        {3376, tab.cold_decay_q31},
-        {3384, tab.presliding_inv_q8},
-        {3396, tab.offset_q16},
-        {3400, tab.kp_q16},
-        {3408, tab.digit_per_nm_q24},
-        {3412, tab.dig_max},
-        {3428, tab.q_max_q24},
-        {3436, tab.follow_max_q24}};
+        {24, static_cast<int32_t>(tab.chain)},
+        {28, static_cast<int32_t>(tab.phase0)},
+        {32, tab.twist_cos_q30},
+        {36, tab.twist_sin_q30},
+        {40, tab.step_q24[0]},
+        {48, tab.moment_q20[0]},
+        {56, tab.second_q20[0]},
+        {72, tab.second_q20[4]},
+        {76, tab.rotor_q20},
+        {80, tab.v_lim_q24},
+        {84, tab.a_lim_q16},
+        {88, tab.v_ramp_inv_q16},
+        {92, static_cast<int32_t>(tab.friction_shift)},
+        {96 + 4 * 129, tab.friction_q16[1][0]},
+        {1124, tab.friction_q16[1][128]},
+        {3176, tab.stiffness[0].t1_q16},
+        {3208, tab.stiffness[1].t1_q16},
+        {3236, tab.stiffness[1].slope_q24[2]},
+        {3240, 2},
+        {3252, tab.line[0].amplitude_q16},
+        {3264 + 8, tab.line[1].amplitude_q16},
+        {3324, tab.load_mu_q24},
+        {3336, tab.cold_decay_q31},
+        {3344, tab.presliding_inv_q8},
+        {3356, tab.offset_q16},
+        {3360, tab.kp_q16},
+        {3368, tab.digit_per_nm_q24},
+        {3372, tab.dig_max},
+        {3388, tab.q_max_q24},
+        {3396, tab.follow_max_q24}};
     for (const auto &[at, value] : words)
         ck_assert_msg(word_at(image, joint + at) == value, "offset %zu: %d, not %d", at,
                       word_at(image, joint + at), value);
-    ck_assert_int_eq(static_cast<int16_t>(image[joint + 3214] | image[joint + 3215] << 8),
+    ck_assert_int_eq(static_cast<int16_t>(image[joint + 3174] | image[joint + 3175] << 8),
                      tab.ripple_q8[1023]);
 }
 END_TEST

@@ -33,22 +33,47 @@ static inline void ref_butterworth(double cutoff_hz, double rate_hz, double b[5]
     b[4] = (1 - sqrt(2) * k + k * k) * n;
 }
 
-static inline void ref_random_rotation(uint64_t *r, int32_t rot_q30[9])
+/* The more links the smaller and slower, or the sums of the chain have no room. */
+static inline double ref_size(uint32_t joints)
 {
-    double q[4], len = 0;
-    for (int i = 0; i < 4; i++) {
-        q[i] = test_uniform(r, -1, 1);
-        len += q[i] * q[i];
-    }
-    const double w = q[0] / sqrt(len), x = q[1] / sqrt(len), y = q[2] / sqrt(len), z = q[3] / sqrt(len);
-    const double m[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-                         2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-                         2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)};
-    for (int i = 0; i < 9; i++)
-        rot_q30[i] = Q(m[i], 30);
+    return joints <= 5 ? 1 : 5.0 / joints;
 }
 
-static inline void ref_random_joint(uint64_t *r, struct hdt_joint_tab *j, double ratio)
+/* A twist of any angle, every other a quarter turn; every third link starts where the one before does;
+ * every other has no products of inertia. */
+static inline void ref_random_link(uint64_t *r, struct hdt_joint_tab *j, double size)
+{
+    const double twist = test_uniform(r, -REF_PI, REF_PI);
+    const int right = test_random(r) & 1, step = test_random(r) % 3 != 0, skew = test_random(r) & 1;
+    j->phase0 = (uint32_t)test_random(r);
+    j->twist_cos_q30 = right ? 0 : Q(cos(twist), 30);
+    j->twist_sin_q30 = right ? 1 << 30 : Q(sin(twist), 30);
+    for (int i = 0; i < 2; i++) {
+        j->step_q24[i] = step ? Q(size * test_uniform(r, -0.5, 0.5), 24) : 0;
+        j->moment_q20[i] = Q(size * test_uniform(r, -5, 5), 20);
+    }
+    for (int i = 0; i < 5; i++)
+        j->second_q20[i] = skew || i == 0 || i == 3 ? Q(size * test_uniform(r, -1, 1), 20) : 0;
+    j->rotor_q20 = Q(test_uniform(r, 0, 2), 20);
+}
+
+/* What the flags must say. */
+static inline void ref_chain_flags(struct hdt_tables *t)
+{
+    uint32_t far = 0;
+    for (uint32_t j = 0; j < t->joints; j++) {
+        struct hdt_joint_tab *k = &t->joint[j];
+        const int step = j > 0 && (k->step_q24[0] || k->step_q24[1]);
+        far |= step ? HDT_CHAIN_FAR : 0;
+        k->chain = far | (step ? HDT_CHAIN_STEP : 0);
+        if (k->twist_cos_q30 == 0 && k->twist_sin_q30 == 1 << 30)
+            k->chain |= HDT_CHAIN_RIGHT;
+        if (k->second_q20[1] || k->second_q20[2] || k->second_q20[4])
+            k->chain |= HDT_CHAIN_SKEW;
+    }
+}
+
+static inline void ref_random_joint(uint64_t *r, struct hdt_joint_tab *j, double ratio, double size)
 {
     const double counts = ratio * 16384;
     j->terms = (1u << HDT_TERMS) - 1;
@@ -56,15 +81,9 @@ static inline void ref_random_joint(uint64_t *r, struct hdt_joint_tab *j, double
     j->zero_cnt = (int32_t)test_uniform(r, -3e5, 3e5);
     j->rad_per_count_q44 = (uint32_t)llrint(2 * REF_PI / counts * 0x1p44);
     j->phase_per_count_q24 = (uint64_t)llrint(0x1p56 / counts);
-    ref_random_rotation(r, j->rot_q30);
-    j->mass_q20 = Q(test_uniform(r, 0, 8), 20);
-    for (int i = 0; i < 3; i++) {
-        j->trans_q24[i] = Q(test_uniform(r, -0.5, 0.5), 24);
-        j->moment_q20[i] = Q(test_uniform(r, -3, 3), 20);
-    }
-    for (int i = 0; i < 6; i++)
-        j->inertia_q20[i] = Q(test_uniform(r, -1, 1), 20);
-    j->rotor_q20 = Q(test_uniform(r, 0, 2), 20);
+    ref_random_link(r, j, size);
+    j->v_lim_q24 = Q(4 * size, 24);
+    j->a_lim_q16 = Q(32 * size, 16);
     j->v_ramp_inv_q16 = Q(1 / test_uniform(r, 0.001, 0.1), 16);
     j->friction_shift = 14 + (uint32_t)(test_random(r) % 6);
     for (int d = 0; d < 2; d++) {
@@ -112,7 +131,7 @@ static inline void ref_random_joint(uint64_t *r, struct hdt_joint_tab *j, double
 static inline void ref_random_arm(uint64_t *r, uint32_t joints, struct hdt_tables *t)
 {
     const double rate_hz = test_uniform(r, 200, 2000);
-    double b[5], later = 0;
+    double b[5];
     memset(t, 0, sizeof *t);
     t->magic = HDT_TABLES_MAGIC;
     t->layout = HDT_TABLES_LAYOUT;
@@ -129,16 +148,8 @@ static inline void ref_random_arm(uint64_t *r, uint32_t joints, struct hdt_table
     for (int i = 0; i < 5; i++)
         t->biquad_q28[i] = Q(b[i], 28);
     for (uint32_t j = 0; j < joints; j++)
-        ref_random_joint(r, &t->joint[j], test_uniform(r, 30, 320));
-
-    /* first moment of the link and of all later mass hung on the next origin */
-    for (uint32_t j = joints; j-- > 0;) {
-        for (int i = 0; i < 3; i++) {
-            const double p = j + 1 < joints ? D(t->joint[j + 1].trans_q24[i], 24) : 0;
-            t->joint[j].hold_moment_q20[i] = Q(D(t->joint[j].moment_q20[i], 20) + later * p, 20);
-        }
-        later += D(t->joint[j].mass_q20, 20);
-    }
+        ref_random_joint(r, &t->joint[j], test_uniform(r, 30, 320), ref_size(joints));
+    ref_chain_flags(t);
 }
 
 /* ---- the chain, in the base frame --------------------------------------------------------------- */
@@ -175,35 +186,32 @@ static inline void ref_frames(const struct hdt_tables *t, const double q[], stru
 {
     struct ref_frame at = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
     for (uint32_t j = 0; j < t->joints; j++) {
-        double rot[9], p[3];
-        const double z[9] = {cos(q[j]), -sin(q[j]), 0, sin(q[j]), cos(q[j]), 0, 0, 0, 1};
-        for (int i = 0; i < 9; i++)
-            rot[i] = D(t->joint[j].rot_q30[i], 30);
-        for (int i = 0; i < 3; i++)
-            p[i] = D(t->joint[j].trans_q24[i], 24);
+        const struct hdt_joint_tab *k = &t->joint[j];
+        const double x = q[j] + k->phase0 * (0x1p-32 * 2 * REF_PI);
+        const double ct = D(k->twist_cos_q30, 30), st = D(k->twist_sin_q30, 30);
+        const double twist[9] = {1, 0, 0, 0, ct, -st, 0, st, ct};
+        const double turn[9] = {cos(x), -sin(x), 0, sin(x), cos(x), 0, 0, 0, 1};
+        double p[3] = {D(k->step_q24[0], 24), D(k->step_q24[1], 24), 0};
         ref_turn(at.rot, p, p);
         for (int i = 0; i < 3; i++)
             at.pos[i] += p[i];
-        ref_matmul(at.rot, rot, at.rot);
-        ref_matmul(at.rot, z, at.rot);
+        ref_matmul(at.rot, twist, at.rot);
+        ref_matmul(at.rot, turn, at.rot);
         f[j] = at;
     }
 }
 
-/* -sum over links of g . (m origin + first moment) */
+/* -sum over links of g . first moment; the links have no mass, it is booked elsewhere */
 static inline double ref_potential_j(const struct hdt_tables *t, const double q[])
 {
     struct ref_frame f[HDT_JOINTS_MAX];
     double energy = 0;
     ref_frames(t, q, f);
     for (uint32_t j = 0; j < t->joints; j++) {
-        double s[3], g[3];
-        for (int i = 0; i < 3; i++) {
-            s[i] = D(t->joint[j].moment_q20[i], 20);
-            g[i] = D(t->gravity_q24[i], 24);
-        }
+        const double g[3] = {D(t->gravity_q24[0], 24), D(t->gravity_q24[1], 24), D(t->gravity_q24[2], 24)};
+        double s[3] = {D(t->joint[j].moment_q20[0], 20), D(t->joint[j].moment_q20[1], 20), 0};
         ref_turn(f[j].rot, s, s);
-        energy -= D(t->joint[j].mass_q20, 20) * ref_dot(g, f[j].pos) + ref_dot(g, s);
+        energy -= ref_dot(g, s);
     }
     return energy;
 }
@@ -253,13 +261,16 @@ static inline void ref_inertia(const struct hdt_tables *t, const double q[], con
         }
         memcpy(at, f[k].pos, sizeof at);
 
-        /* first moment and inertia in base axes */
-        for (int i = 0; i < 3; i++)
-            s[i] = D(tab->moment_q20[i], 20);
+        /* first moment and inertia tensor, from the second moment, in base axes */
+        const double e[5] = {D(tab->second_q20[0], 20), D(tab->second_q20[1], 20), D(tab->second_q20[2], 20),
+                             D(tab->second_q20[3], 20), D(tab->second_q20[4], 20)};
+        const double tensor[9] = {e[3], -e[1], -e[2], -e[1], e[0], -e[4], -e[2], -e[4], e[0] + e[3]};
+        s[0] = D(tab->moment_q20[0], 20);
+        s[1] = D(tab->moment_q20[1], 20);
+        s[2] = 0;
         ref_turn(f[k].rot, s, s);
-        const int full[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
         for (int i = 0; i < 9; i++) {
-            in[i] = D(tab->inertia_q20[full[i]], 20);
+            in[i] = tensor[i];
             rt[i] = f[k].rot[i % 3 * 3 + i / 3];
         }
         ref_matmul(f[k].rot, in, in);
@@ -269,7 +280,7 @@ static inline void ref_inertia(const struct hdt_tables *t, const double q[], con
         ref_cross(w, u, u);
         ref_cross(dw, s, x);
         for (int i = 0; i < 3; i++)
-            force[i] = D(tab->mass_q20, 20) * acc[i] + u[i] + x[i];
+            force[i] = u[i] + x[i];
         ref_turn(in, w, l);
         ref_cross(w, l, u);
         ref_turn(in, dw, l);
@@ -387,9 +398,24 @@ static inline double ref_gravity_tolerance(const struct hdt_tables *t)
     for (int i = 0; i < 3; i++)
         g += fabs(D(t->gravity_q24[i], 24));
     for (uint32_t j = 0; j < t->joints; j++)
-        for (int i = 0; i < 3; i++)
-            h += fabs(D(t->joint[j].hold_moment_q20[i], 20));
+        for (int i = 0; i < 2; i++)
+            h += fabs(D(t->joint[j].moment_q20[i], 20));
     return LSB_NM + sqrt(t->joints) * (0x1p-20 * g + 0x1p-24 * h + 4e-9 * g * h);
+}
+
+/* Each link adds roundings of q20 to the acceleration of its points, which its moments feel, and of
+ * q16 to force and moment, which the links before feel at their lever arm; independent, so the sum
+ * grows with the root. */
+static inline double ref_inertia_tolerance(const struct hdt_tables *t)
+{
+    double moments = 0;
+    for (uint32_t j = 0; j < t->joints; j++) {
+        for (int i = 0; i < 2; i++)
+            moments += fabs(D(t->joint[j].moment_q20[i], 20));
+        for (int i = 0; i < 5; i++)
+            moments += fabs(D(t->joint[j].second_q20[i], 20));
+    }
+    return sqrt(t->joints) * (1 + 0.3 * t->joints) * (2 * LSB_NM + 0x1p-20 * moments / t->joints);
 }
 
 #endif

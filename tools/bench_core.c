@@ -25,7 +25,7 @@ static struct hdt_in input[INPUTS];
 static struct hdt_out output;
 static hdt_t core;
 
-static const uint32_t paper_terms = 1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_FRICTION | 1u << HDT_TERM_RIPPLE |
+static const uint32_t paper_terms = 1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_INERTIA | 1u << HDT_TERM_FRICTION | 1u << HDT_TERM_RIPPLE |
                                     1u << HDT_TERM_STIFFNESS | 1u << HDT_TERM_P | 1u << HDT_TERM_D;
 
 /* An arm of 7 joints with these terms, and slow sines for it to follow. */
