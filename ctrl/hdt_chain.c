@@ -24,8 +24,9 @@ static inline int64_t sub(int64_t a, int64_t b, int64_t c, int64_t d, unsigned n
 }
 
 /* v := Rz^T Rx^T v, from the previous link's axes to this link's; right: the twist is a quarter turn. */
-static inline void turn_in(const struct hdt_joint_tab *tab, const struct hdt_motion *m, int right, struct vec *v)
+static inline void turn_in(const struct hdt_joint_tab *tab, const struct hdt_motion *m, struct vec *v)
 {
+    const int right = (tab->chain & HDT_CHAIN_RIGHT) != 0;
     const int64_t c = m->cos_q30, s = m->sin_q30, x = v->x;
     const int64_t y = right ? v->z : add(tab->twist_cos_q30, v->y, tab->twist_sin_q30, v->z, 30);
 
@@ -35,8 +36,9 @@ static inline void turn_in(const struct hdt_joint_tab *tab, const struct hdt_mot
 }
 
 /* v := Rx Rz v, from this link's axes to the previous link's. */
-static inline void turn_out(const struct hdt_joint_tab *tab, const struct hdt_motion *m, int right, struct vec *v)
+static inline void turn_out(const struct hdt_joint_tab *tab, const struct hdt_motion *m, struct vec *v)
 {
+    const int right = (tab->chain & HDT_CHAIN_RIGHT) != 0;
     const int64_t c = m->cos_q30, s = m->sin_q30, z = v->z;
     const int64_t x = sub(c, v->x, s, v->y, 30), y = add(s, v->x, c, v->y, 30);
 
@@ -55,10 +57,7 @@ void hdt_chain_gravity(const struct hdt_tables *t, const struct hdt_motion m[], 
     /* gravity out to the links */
     for (uint32_t j = 0; j < t->joints; j++) {
         const struct hdt_joint_tab *tab = &t->joint[j];
-        if (tab->chain & HDT_CHAIN_RIGHT)
-            turn_in(tab, &m[j], 1, &g);
-        else
-            turn_in(tab, &m[j], 0, &g);
+        turn_in(tab, &m[j], &g);
         gx[j] = g.x;
         gy[j] = g.y;
     }
@@ -69,10 +68,7 @@ void hdt_chain_gravity(const struct hdt_tables *t, const struct hdt_motion m[], 
         h.x += tab->moment_q20[0];
         h.y += tab->moment_q20[1];
         tau_q16[j] = (int32_t)sub(h.y, gx[j], h.x, gy[j], 28);
-        if (tab->chain & HDT_CHAIN_RIGHT)
-            turn_out(tab, &m[j], 1, &h);
-        else
-            turn_out(tab, &m[j], 0, &h);
+        turn_out(tab, &m[j], &h);
     }
 }
 
@@ -103,8 +99,7 @@ static inline void columns(struct link_motion *k)
 }
 
 /* Motion of the previous link to motion of this one. */
-static inline void next_link(const struct hdt_joint_tab *tab, const struct hdt_motion *m, int right,
-                             struct link_motion *k)
+static inline void next_link(const struct hdt_joint_tab *tab, const struct hdt_motion *m, struct link_motion *k)
 {
     const int64_t v = m->v_ref_q24;
 
@@ -115,10 +110,10 @@ static inline void next_link(const struct hdt_joint_tab *tab, const struct hdt_m
             k->a.y += add(k->ux.y, px, k->uy.y, py, 24);
             k->a.z += add(k->ux.z, px, k->uy.z, py, 24);
         }
-        turn_in(tab, m, right, &k->a);
+        turn_in(tab, m, &k->a);
     }
-    turn_in(tab, m, right, &k->w);
-    turn_in(tab, m, right, &k->dw);
+    turn_in(tab, m, &k->w);
+    turn_in(tab, m, &k->dw);
 
     /* the joint's own turning: w += z v, dw += z a + w x z v;  q24 * q24 -> q20 */
     k->dw.x += hdt_shr(k->w.y * v, 28);
@@ -163,12 +158,12 @@ static inline void link_wrench(const struct hdt_joint_tab *tab, const struct lin
 }
 
 /* Wrench of this and all later links to the axes and origin of the link before. */
-static inline void previous_link(const struct hdt_joint_tab *tab, const struct hdt_motion *m, int right,
-                                 struct vec *f, struct vec *n)
+static inline void previous_link(const struct hdt_joint_tab *tab, const struct hdt_motion *m, struct vec *f,
+                                 struct vec *n)
 {
-    turn_out(tab, m, right, n);
+    turn_out(tab, m, n);
     if (tab->chain & HDT_CHAIN_FAR)
-        turn_out(tab, m, right, f);
+        turn_out(tab, m, f);
     if (tab->chain & HDT_CHAIN_STEP) {
         const int64_t px = tab->step_q24[0], py = tab->step_q24[1];
         n->x += hdt_shr(py * f->z, 24);
@@ -188,10 +183,7 @@ void hdt_chain_inertia(const struct hdt_tables *t, const struct hdt_motion m[], 
 
     /* motion out to the links */
     for (uint32_t j = 1; j < t->joints; j++) {
-        if (t->joint[j].chain & HDT_CHAIN_RIGHT)
-            next_link(&t->joint[j], &m[j], 1, &k);
-        else
-            next_link(&t->joint[j], &m[j], 0, &k);
+        next_link(&t->joint[j], &m[j], &k);
         link_wrench(&t->joint[j], &k, &link[j]);
     }
 
@@ -207,10 +199,7 @@ void hdt_chain_inertia(const struct hdt_tables *t, const struct hdt_motion m[], 
             f.y += link[j].f.y;
             f.z += link[j].f.z;
         }
-        if (tab->chain & HDT_CHAIN_RIGHT)
-            previous_link(tab, &m[j], 1, &f, &n);
-        else
-            previous_link(tab, &m[j], 0, &f, &n);
+        previous_link(tab, &m[j], &f, &n);
     }
 
     /* q16 * q20 -> q16 */

@@ -368,7 +368,6 @@ std::string cause(const std::string &member)
         {"second_q20", "link.inertia: expected forces below 120000 N and moments below 120000 N.m at full "
                        "speed, all links together, found more"},
         {"stiffness", "stiffness: expected lines below 32767 N.m at every load, found more"},
-        {"friction_q16", "friction: expected less than 32767 N.m at full speed, found more"},
     };
     const auto known = causes.find(member);
     return known != causes.end() ? known->second

@@ -413,14 +413,12 @@ static const Refused refused_table[] = {
      },
      "joint.3.link.com: expected a holding torque below 16384 N.m"},
     {[](hdt_arm *a) { a->joint[6].inertia_kgm2[0] = 2000; },
-     "joint.7.link.inertia: expected forces"},
+     "joint.6.link.inertia: expected forces"},
     {[](hdt_arm *a) {
          a->joint[1].spring_nmprad = 10;
          a->joint[1].stiffness[0].slope[1] = 100;
      },
      "joint.2.stiffness: expected lines below 32767 N.m"},
-    {[](hdt_arm *a) { a->joint[1].friction[1].fv_nmspr = 30000; },
-     "joint.2.friction: expected less than 32767 N.m"},
     {[](hdt_arm *a) { a->joint[1].q_max_rad = 130; },
      "joint.2.limits.position: expected a number from -128 to 128"},
     {[](hdt_arm *a) { a->joint[1].mass_kg = 3000; }, "joint.2.link.mass: expected a number from"},
