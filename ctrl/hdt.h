@@ -114,6 +114,7 @@ typedef struct {
     int32_t count[HDT_JOINTS_MAX];          /* last count */
     uint64_t count_us[HDT_JOINTS_MAX];      /* and its time */
     int32_t dir[HDT_JOINTS_MAX];            /* sign of the last motion of the reference: -1 0 +1 */
+    int32_t wound_q30[HDT_JOINTS_MAX];      /* wind-up of the reference's travel, -1..1 */
     int64_t travel_q40[HDT_JOINTS_MAX];     /* rad since the last reversal of the reference */
     int32_t cold_q30[HDT_JOINTS_MAX];       /* share of the cold excess still there */
 } hdt_t;

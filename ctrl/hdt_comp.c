@@ -49,3 +49,40 @@ int32_t hdt_comp_spring(const struct hdt_joint_tab *j, const struct hdt_motion *
     const int32_t wound_q24 = hdt_sat((int64_t)m->q_q24 - j->spring_q0_q24);
     return (int32_t)hdt_clamp(hdt_shr((int64_t)j->spring_q16 * wound_q24, 24), -HDT_SPRING_MAX_Q16, HDT_SPRING_MAX_Q16);
 }
+
+int32_t hdt_comp_hysteresis(const struct hdt_joint_tab *j, const struct hdt_motion *m, int32_t load_q16)
+{
+    /* lines below 2^31, so 2^32 * 2^30 */
+    const int64_t up = hdt_comp_windup(&j->stiffness[0], load_q16);
+    const int64_t down = hdt_comp_windup(&j->stiffness[1], load_q16);
+    return hdt_sat(hdt_shr(up + down + hdt_shr((up - down) * m->wound_q30, 30), 1));
+}
+
+/* Overflow: values are below 2^15 (q8), so 2^16 * 2^31 at most. */
+static int64_t curve_q16(const struct hdt_curve_tab *c, int32_t x)
+{
+    const int64_t last = (int64_t)(HDT_CURVE_KNOTS - 1) << c->shift;
+    const int64_t past = hdt_clamp((int64_t)x - c->start, 0, last);
+    const int64_t at = past >> c->shift, k = at < HDT_CURVE_KNOTS - 1 ? at : HDT_CURVE_KNOTS - 2;
+    const int64_t part = past - (k << c->shift);
+    const int64_t here = c->value_q8[k] * (int64_t)256, next = c->value_q8[k + 1] * (int64_t)256;
+    return here + hdt_shr((next - here) * part, c->shift);
+}
+
+int32_t hdt_comp_local(const struct hdt_joint_tab *j, const struct hdt_motion *m)
+{
+    return (int32_t)hdt_shr(curve_q16(&j->local[m->dir_q30 < 0], m->q_q24) * m->dir_q30, 30);
+}
+
+int32_t hdt_comp_table(const struct hdt_joint_tab *j, const struct hdt_motion *m, int32_t load_q16)
+{
+    int32_t x = m->q_q24;
+    if (j->axis == HDT_AXIS_LOAD)
+        x = load_q16;
+    else if (j->axis == HDT_AXIS_PHASE)
+        x = (int32_t)((uint32_t)m->turned & (HDT_COUNTS_PER_REV - 1u));
+    else if (j->axis == HDT_AXIS_SPEED)
+        x = hdt_abs(m->v_ref_q24);
+    const int64_t value = curve_q16(&j->table, x);
+    return (int32_t)(j->directed ? hdt_shr(value * m->dir_q30, 30) : value);
+}

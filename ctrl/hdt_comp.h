@@ -26,6 +26,7 @@ struct hdt_motion {
     int32_t a_ref_q16;    /* rad/s^2, within a_lim */
     int32_t dir_q30;      /* direction of the reference, -1..1, ramping through zero */
     int64_t travel_q40;   /* rad since the last reversal of the reference, >= 0 */
+    int32_t wound_q30;    /* wind-up between the directions' torques, -1..1, where it has a travel */
     int32_t cold_q30;     /* share of the cold excess still there, 0..1 */
 };
 
@@ -95,17 +96,21 @@ static inline int32_t hdt_comp_ripple(const struct hdt_joint_tab *j, const struc
     return (int32_t)hdt_shr((int64_t)value_q12 * m->dir_q30, 26);
 }
 
+/* The line of one direction at a load. */
+static inline int64_t hdt_comp_windup(const struct hdt_stiffness_tab *s, int32_t load_q16)
+{
+    const int line = (load_q16 >= s->t1_q16) + (load_q16 > s->t2_q16);
+
+    /* q24 * q16 = q40 -> q16 */
+    return s->intercept_q16[line] + hdt_shr((int64_t)s->slope_q24[line] * load_q16, 24);
+}
+
 /* |dir| * line(load), one of three lines by load, a set for each direction [ibid., Table V].
  * Overflow: hdt_tables_check bounds every line at every load there can be. */
 static inline int32_t hdt_comp_stiffness(const struct hdt_joint_tab *j, const struct hdt_motion *m, int32_t load_q16)
 {
-    const struct hdt_stiffness_tab *s = &j->stiffness[m->dir_q30 < 0];
-    const int line = (load_q16 >= s->t1_q16) + (load_q16 > s->t2_q16);
     const int32_t share_q30 = m->dir_q30 < 0 ? -m->dir_q30 : m->dir_q30;
-
-    /* q24 * q16 = q40 -> q16; then the share of a full direction */
-    const int64_t value = s->intercept_q16[line] + hdt_shr((int64_t)s->slope_q24[line] * load_q16, 24);
-    return (int32_t)hdt_shr(value * share_q30, 30);
+    return (int32_t)hdt_shr(hdt_comp_windup(&j->stiffness[m->dir_q30 < 0], load_q16) * share_q30, 30);
 }
 
 /* kp * (q_ref - q).  Overflow: 2^30 * 2^32, then clamped. */
@@ -124,6 +129,13 @@ static inline int32_t hdt_comp_d(const struct hdt_joint_tab *j, const struct hdt
 
 /* sum of amplitude * sin(order * q + phase), directed lines times dir */
 int32_t hdt_comp_lines(const struct hdt_joint_tab *j, const struct hdt_motion *m);
+/* The same where the wind-up has a travel: (1 + wound)/2 of the positive line, (1 - wound)/2 of the
+ * negative one, at rest too. */
+int32_t hdt_comp_hysteresis(const struct hdt_joint_tab *j, const struct hdt_motion *m, int32_t load_q16);
+/* dir * curve(q), the curve of the direction */
+int32_t hdt_comp_local(const struct hdt_joint_tab *j, const struct hdt_motion *m);
+/* curve(axis), times dir if directed */
+int32_t hdt_comp_table(const struct hdt_joint_tab *j, const struct hdt_motion *m, int32_t load_q16);
 /* dir * mu * |load| */
 int32_t hdt_comp_load(const struct hdt_joint_tab *j, const struct hdt_motion *m, int32_t load_q16);
 /* cold * (coulomb * dir + viscous * v_ref) */

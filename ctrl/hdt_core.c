@@ -13,13 +13,14 @@
 #define USE(term) (1u << (term))
 
 /* wind-up and load friction need the holding torque whether or not it is itself commanded */
-#define NEED_GRAVITY (USE(HDT_TERM_GRAVITY) | USE(HDT_TERM_STIFFNESS) | USE(HDT_TERM_LOAD))
+#define NEED_GRAVITY \
+    (USE(HDT_TERM_GRAVITY) | USE(HDT_TERM_STIFFNESS) | USE(HDT_TERM_LOAD) | USE(HDT_TERM_TABLE))
 #define NEED_ANGLES (NEED_GRAVITY | USE(HDT_TERM_INERTIA))
 
 /* terms an ideal joint has none of; one branch where none is used */
 #define EFFECTS \
     (USE(HDT_TERM_LINES) | USE(HDT_TERM_LOAD) | USE(HDT_TERM_TEMPERATURE) | USE(HDT_TERM_PRESLIDING) | \
-     USE(HDT_TERM_SPRING) | USE(HDT_TERM_OFFSET))
+     USE(HDT_TERM_SPRING) | USE(HDT_TERM_OFFSET) | USE(HDT_TERM_LOCAL) | USE(HDT_TERM_TABLE))
 
 /* velocity mode: speed added per position error, 1/s */
 #define VELOCITY_KPOS 4
@@ -139,6 +140,17 @@ static int64_t pass_travel(hdt_t *h, uint32_t j, int32_t v_ref_q24, uint32_t per
     return travel;
 }
 
+/* Wind-up follows the reference's travel and stops at either direction's torque. */
+static int32_t pass_windup(hdt_t *h, uint32_t j, int32_t v_ref_q24, uint32_t period_q32)
+{
+    /* q24 * q32 = q56 -> rad q30, at most 2 rad a period; q30 * q8 -> q30 */
+    const int64_t one = (int64_t)1 << 30;
+    const int64_t step = hdt_clamp(hdt_shr((int64_t)v_ref_q24 * period_q32, 26), -2 * one, 2 * one);
+    const int64_t wound = h->wound_q30[j] + hdt_shr(step * h->tables->joint[j].windup_inv_q8, 8);
+    h->wound_q30[j] = (int32_t)hdt_clamp(wound, -one, one);
+    return h->wound_q30[j];
+}
+
 static void measure(hdt_t *h, const struct hdt_in *in, struct hdt_motion m[], struct hdt_out *out)
 {
     const struct hdt_tables *t = h->tables;
@@ -158,6 +170,8 @@ static void measure(hdt_t *h, const struct hdt_in *in, struct hdt_motion m[], st
         k->dir_q30 = hdt_comp_direction_q30(tab, k->v_ref_q24);
         if (tab->terms & USE(HDT_TERM_PRESLIDING))
             k->travel_q40 = pass_travel(h, j, k->v_ref_q24, period_q32);
+        if (tab->windup_inv_q8 != 0)
+            k->wound_q30 = pass_windup(h, j, k->v_ref_q24, period_q32);
         if (tab->terms & USE(HDT_TERM_TEMPERATURE))
             k->cold_q30 = cold_share(h, j);
         if (h->terms & NEED_ANGLES) {
@@ -187,6 +201,8 @@ static int64_t effects(const struct hdt_joint_tab *tab, const struct hdt_motion 
     TERM(HDT_TERM_PRESLIDING, hdt_comp_presliding(tab, m));
     TERM(HDT_TERM_SPRING, spring);
     TERM(HDT_TERM_OFFSET, tab->offset_q16);
+    TERM(HDT_TERM_LOCAL, hdt_comp_local(tab, m));
+    TERM(HDT_TERM_TABLE, hdt_comp_table(tab, m, load));
     return total;
 }
 
@@ -207,7 +223,7 @@ static inline void joint_terms(const struct hdt_joint_tab *tab, const struct hdt
     TERM(HDT_TERM_INERTIA, hdt_sat(inertia + hdt_shr((int64_t)tab->rotor_q20 * m->a_ref_q16, 20)));
     TERM(HDT_TERM_FRICTION, hdt_comp_friction(tab, m));
     TERM(HDT_TERM_RIPPLE, hdt_comp_ripple(tab, m));
-    TERM(HDT_TERM_STIFFNESS, hdt_comp_stiffness(tab, m, load));
+    TERM(HDT_TERM_STIFFNESS, tab->windup_inv_q8 != 0 ? hdt_comp_hysteresis(tab, m, load) : hdt_comp_stiffness(tab, m, load));
     TERM(HDT_TERM_P, hdt_comp_p(tab, m));
     TERM(HDT_TERM_D, hdt_comp_d(tab, m));
     if (has & EFFECTS)
@@ -312,6 +328,8 @@ const char *hdt_term_str(int term)
     case HDT_TERM_PRESLIDING: return "presliding";
     case HDT_TERM_SPRING: return "spring";
     case HDT_TERM_OFFSET: return "offset";
+    case HDT_TERM_LOCAL: return "local";
+    case HDT_TERM_TABLE: return "table";
     case HDT_TERM_P: return "p";
     case HDT_TERM_D: return "d";
     default: return "unknown";

@@ -46,6 +46,7 @@ static const struct range joint_ranges[] = {
     /* a rise times a speed stays below 2^62 */
     RANGE(hdt_joint_tab, friction_q16, -(1 << 30), 1 << 30),
     RANGE(hdt_joint_tab, stiffness, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_joint_tab, windup_inv_q8, 0, NO_LIMIT),
     RANGE(hdt_joint_tab, lines, 0, HDT_LINES_MAX),
     RANGE(hdt_joint_tab, load_mu_q24, 0, NO_LIMIT),
     RANGE(hdt_joint_tab, cold_coulomb_q16, -NO_LIMIT, NO_LIMIT),
@@ -67,11 +68,18 @@ static const struct range joint_ranges[] = {
     RANGE(hdt_joint_tab, q_max_q24, -NO_LIMIT, NO_LIMIT),
     RANGE(hdt_joint_tab, v_max_q24, 1, NO_LIMIT),
     RANGE(hdt_joint_tab, follow_max_q24, 0, NO_LIMIT),
+    RANGE(hdt_joint_tab, axis, 0, HDT_AXES - 1),
+    RANGE(hdt_joint_tab, directed, 0, 1),
 };
 
 static const struct range line_ranges[] = {
     RANGE(hdt_line_tab, amplitude_q16, -NO_LIMIT, NO_LIMIT),
     RANGE(hdt_line_tab, directed, 0, 1),
+};
+
+static const struct range curve_ranges[] = {
+    RANGE(hdt_curve_tab, start, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_curve_tab, shift, 1, 23),
 };
 
 #define COUNT(array) (sizeof(array) / sizeof((array)[0]))
@@ -181,6 +189,10 @@ static const char *joint_wrong(const struct hdt_joint_tab *j, uint32_t rate_q16)
         if (j->line[k].phase_per_count_q24 >= WHOLE_TURN)
             return "line.phase_per_count_q24";
     }
+    const struct hdt_curve_tab *const curve[] = {&j->local[0], &j->local[1], &j->table};
+    for (size_t k = 0; k < COUNT(curve); k++)
+        if ((name = out_of_range(curve[k], curve_ranges, COUNT(curve_ranges))) != NULL)
+            return name;
     if (j->q_min_q24 >= j->q_max_q24)
         return "q_min_q24";
     return NULL;
@@ -352,7 +364,8 @@ static const struct field joint_fields[] = {
     FIELD(hdt_joint_tab, a_lim_q16, 4),
     FIELD(hdt_joint_tab, v_ramp_inv_q16, 4),  FIELD(hdt_joint_tab, friction_shift, 4),
     FIELD(hdt_joint_tab, friction_q16, 4),    FIELD(hdt_joint_tab, ripple_q8, 2),
-    FIELD(hdt_joint_tab, stiffness, 4),       FIELD(hdt_joint_tab, lines, 4),
+    FIELD(hdt_joint_tab, stiffness, 4),       FIELD(hdt_joint_tab, windup_inv_q8, 4),
+    FIELD(hdt_joint_tab, lines, 4),
 };
 
 static const struct field line_fields[] = {
@@ -372,6 +385,15 @@ static const struct field tail_fields[] = {
     FIELD(hdt_joint_tab, spd_max, 4),          FIELD(hdt_joint_tab, q_min_q24, 4),
     FIELD(hdt_joint_tab, q_max_q24, 4),        FIELD(hdt_joint_tab, v_max_q24, 4),
     FIELD(hdt_joint_tab, follow_max_q24, 4),
+};
+
+/* after the tail, three times, then the two numbers of the last */
+static const struct field curve_fields[] = {
+    FIELD(hdt_curve_tab, start, 4), FIELD(hdt_curve_tab, shift, 4), FIELD(hdt_curve_tab, value_q8, 2),
+};
+
+static const struct field axis_fields[] = {
+    FIELD(hdt_joint_tab, axis, 4), FIELD(hdt_joint_tab, directed, 4),
 };
 
 /* Little endian to and from the machine's own order. */
@@ -449,7 +471,8 @@ static uint32_t crc32(const uint8_t *data, size_t size)
 
 size_t hdt_tables_size(uint32_t joints)
 {
-    const size_t joint = SIZE(joint_fields) + HDT_LINES_MAX * SIZE(line_fields) + SIZE(tail_fields);
+    const size_t joint = SIZE(joint_fields) + HDT_LINES_MAX * SIZE(line_fields) + SIZE(tail_fields) +
+                         3 * SIZE(curve_fields) + SIZE(axis_fields);
     return SIZE(head_fields) + joints * joint + 4;
 }
 
@@ -463,6 +486,10 @@ size_t hdt_tables_write(const struct hdt_tables *t, uint8_t *buf, size_t cap)
         for (int k = 0; k < HDT_LINES_MAX; k++)
             to = OUT(line_fields, &t->joint[j].line[k], to);
         to = OUT(tail_fields, &t->joint[j], to);
+        to = OUT(curve_fields, &t->joint[j].local[0], to);
+        to = OUT(curve_fields, &t->joint[j].local[1], to);
+        to = OUT(curve_fields, &t->joint[j].table, to);
+        to = OUT(axis_fields, &t->joint[j], to);
     }
     const uint32_t crc = crc32(buf, (size_t)(to - buf));
     copy_out(to, &crc, 4);
@@ -507,6 +534,10 @@ int hdt_tables_read(const uint8_t *image, size_t size, struct hdt_tables *out)
         for (int k = 0; k < HDT_LINES_MAX; k++)
             from = IN(line_fields, &out->joint[j].line[k], from);
         from = IN(tail_fields, &out->joint[j], from);
+        from = IN(curve_fields, &out->joint[j].local[0], from);
+        from = IN(curve_fields, &out->joint[j].local[1], from);
+        from = IN(curve_fields, &out->joint[j].table, from);
+        from = IN(axis_fields, &out->joint[j], from);
     }
     return hdt_tables_check(out, NULL, NULL);
 }

@@ -22,6 +22,7 @@ extern "C" {
 #define HDT_RIPPLE_KNOTS 1024  /* over one wave-generator turn, 16 counts apart, linear between */
 #define HDT_FRICTION_KNOTS 129 /* over |v| = 0 .. 128 << friction_shift, linear between        */
 #define HDT_LINES_MAX 4
+#define HDT_CURVE_KNOTS 257   /* of a free curve, linear between, its ends held outside */
 #define HDT_SPRING_MAX_Q16 (1 << 27) /* N.m  a spring pulls no harder than 2048 */
 
 /* Terms a joint may use; a bit not set costs one branch. */
@@ -37,6 +38,8 @@ enum hdt_term {
     HDT_TERM_PRESLIDING,  /* friction deficit after a reversal, decaying with travel            */
     HDT_TERM_SPRING,      /* cable or hose: k (q - q0)                                          */
     HDT_TERM_OFFSET,      /* constant torque                                                   */
+    HDT_TERM_LOCAL,       /* friction by position, a curve per direction, as fed forward in the paper */
+    HDT_TERM_TABLE,       /* one curve on an axis of choice                                    */
     HDT_TERM_P,           /* feedback kp (q_ref - q)                                            */
     HDT_TERM_D,           /* feedback kd (v_ref - v_filtered)                                   */
     HDT_TERMS
@@ -56,6 +59,22 @@ struct hdt_stiffness_tab {
     int32_t t1_q16, t2_q16;      /* N.m  load where line 1 meets 2, and 2 meets 3; t1 <= t2 */
     int32_t intercept_q16[3];    /* N.m  value of each line at zero load                   */
     int32_t slope_q24[3];        /* N.m/N.m                                                */
+};
+
+/* A bounded curve: knot k at x = start + (k << shift); x in the units of its axis. */
+struct hdt_curve_tab {
+    int32_t start;
+    uint32_t shift;              /* 1..23 */
+    int16_t value_q8[HDT_CURVE_KNOTS]; /* N.m */
+};
+
+/* What the free curve is read at. */
+enum hdt_axis {
+    HDT_AXIS_Q,                  /* rad q24  measured output angle                            */
+    HDT_AXIS_LOAD,               /* N.m q16  what the gear carries: gravity and a spring      */
+    HDT_AXIS_PHASE,              /* counts   within a wave-generator turn, 0..16383           */
+    HDT_AXIS_SPEED,              /* rad/s q24  |v_ref|                                        */
+    HDT_AXES
 };
 
 /* amplitude * sin(order * q_output + phase), times direction if directed. */
@@ -93,6 +112,8 @@ struct hdt_joint_tab {
     int32_t friction_q16[2][HDT_FRICTION_KNOTS]; /* N.m magnitude along motion, by direction  */
     int16_t ripple_q8[HDT_RIPPLE_KNOTS];         /* N.m by wave-generator phase               */
     struct hdt_stiffness_tab stiffness[2];
+    int32_t windup_inv_q8;       /* 1/rad  wind-up passes from one direction's torque to the other's over twice
+                                  * this travel, and stays at rest; 0: with the direction         */
     uint32_t lines;              /* number used */
     struct hdt_line_tab line[HDT_LINES_MAX];
     int32_t load_mu_q24;         /* N.m/N.m */
@@ -117,6 +138,12 @@ struct hdt_joint_tab {
     int32_t q_min_q24, q_max_q24;/* rad: outside, only torque back inside is let through       */
     int32_t v_max_q24;           /* rad/s measured, filtered; above it HDT_FAULT_SPEED        */
     int32_t follow_max_q24;      /* rad |q_ref - q|; above it HDT_FAULT_FOLLOWING; 0 off       */
+
+    /* curves */
+    struct hdt_curve_tab local[2]; /* by q, along the motion, by direction as the friction       */
+    struct hdt_curve_tab table;  /* by `axis`, joint-signed, times direction if directed          */
+    uint32_t axis;               /* enum hdt_axis */
+    uint32_t directed;
 };
 
 struct hdt_tables {

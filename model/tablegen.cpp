@@ -177,7 +177,57 @@ void make_stiffness(const hdt_arm_joint &joint, const std::string &key, hdt_join
             to.intercept_q16[i] = fixed(key + names[way] + ".zero", lines.intercept_nm[i], 16);
         }
     }
+    if (joint.windup_rad > 0)
+        out->windup_inv_q8 = fixed(key + "stiffness.travel (1 over it)", 1 / joint.windup_rad, 8, 1 / 256.0, HUGE_VAL);
     out->terms |= 1u << HDT_TERM_STIFFNESS;
+}
+
+// ---- curves ----
+
+// Knots from `from` on, as close as reaches `to`; refuses what a knot cannot say.
+template <typename Value>
+void make_curve(const std::string &key, double from, double to, int bits, const Value &value,
+                hdt_curve_tab *out, double *worst_nm)
+{
+    const double unit = std::ldexp(1, bits);
+    out->start = fixed(key + ": lower end", from, bits);
+    while (std::ldexp(HDT_CURVE_KNOTS - 1, int(out->shift)) < (to - from) * unit)
+        out->shift++;
+    if (out->shift > 23)
+        refuse(key + ": span", "at most " + number_text(std::ldexp(256, 23) / unit), to - from);
+    const auto at = [&](double place) { return from + std::ldexp(place, int(out->shift)) / unit; };
+    for (int k = 0; k < HDT_CURVE_KNOTS; k++)
+        out->value_q8[k] = static_cast<int16_t>(fixed(key + ": torque", value(std::fmin(at(k), to)), 8,
+                                                      -32767 / 256.0, 32767 / 256.0));
+    for (int i = 0; i < 8 * (HDT_CURVE_KNOTS - 1); i++) {
+        const int k = i / 8;
+        const double part = i % 8 / 8.0;
+        const double made = (out->value_q8[k] + part * (out->value_q8[k + 1] - out->value_q8[k])) / 256;
+        if (at(k + part) <= to)
+            *worst_nm = std::max(*worst_nm, std::fabs(made - value(at(k + part))));
+    }
+}
+
+void make_curves(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out, double *worst_nm)
+{
+    out->local[0].shift = out->local[1].shift = out->table.shift = 1;
+    if (joint.has_local || joint.bumps > 0) {
+        for (int way = 0; way < 2; way++)
+            make_curve(key + (joint.has_local ? "friction_by_position" : "effect (local_friction)"),
+                       joint.q_min_rad, joint.q_max_rad, 24,
+                       [&](double q) { return local_nm(joint, way, q); }, &out->local[way], worst_nm);
+        out->terms |= 1u << HDT_TERM_LOCAL;
+    }
+    if (!joint.has_table)
+        return;
+    // the core's units: rad q24, N.m q16, counts of a wave-generator turn, rad/s q24
+    static const int bits[HDT_AXES] = {24, 16, 0, 24};
+    const double scale = joint.table_axis == HDT_AXIS_PHASE ? HDT_COUNTS_PER_REV : 1;
+    make_curve(key + "table", joint.table.from * scale, joint.table.to * scale, bits[joint.table_axis],
+               [&](double x) { return curve_nm(joint.table, x / scale); }, &out->table, worst_nm);
+    out->axis = static_cast<uint32_t>(joint.table_axis);
+    out->directed = joint.table_directed ? 1 : 0;
+    out->terms |= 1u << HDT_TERM_TABLE;
 }
 
 void make_effects(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out)
@@ -277,6 +327,7 @@ void make_joint(const hdt_arm &arm, int j, hdt_joint_tab *out, hdt_gen_report *r
         make_stiffness(joint, key, out);
     make_lines(joint, key, out, &report->lines_nm);
     make_effects(joint, key, out);
+    make_curves(joint, key, out, &report->curves_nm);
 }
 
 // Second-order Butterworth low-pass by the bilinear transform, corner prewarped.

@@ -107,6 +107,7 @@ struct Writer {
                + list(j.friction_q16[1], HDT_FRICTION_KNOTS) + "},\n";
         array("ripple_q8", j.ripple_q8);
         stiffness(j);
+        field("windup_inv_q8", j.windup_inv_q8);
         lines(j);
         field("load_mu_q24", j.load_mu_q24);
         field("cold_coulomb_q16", j.cold_coulomb_q16);
@@ -117,6 +118,23 @@ struct Writer {
         field("spring_q16", j.spring_q16);
         field("spring_q0_q24", j.spring_q0_q24);
         field("offset_q16", j.offset_q16);
+    }
+
+    void curve(const hdt_curve_tab &c)
+    {
+        out += "{.start = " + one(c.start) + ", .shift = " + one(c.shift) + ", .value_q8 = "
+               + list(c.value_q8, HDT_CURVE_KNOTS) + "},\n";
+    }
+
+    void curves(const hdt_joint_tab &j)
+    {
+        out += ".local = {\n";
+        curve(j.local[0]);
+        curve(j.local[1]);
+        out += "},\n.table = ";
+        curve(j.table);
+        field("axis", j.axis);
+        field("directed", j.directed);
     }
 
     void limits(const hdt_joint_tab &j)
@@ -188,6 +206,7 @@ std::string tables_c_source(const hdt_tables &t, const std::string &name)
         w.chain(t.joint[j]);
         w.friction(t.joint[j]);
         w.limits(t.joint[j]);
+        w.curves(t.joint[j]);
         w.out += "},\n";
     }
     w.out += "},\n};\n";

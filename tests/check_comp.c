@@ -31,6 +31,7 @@ static void random_motion(uint64_t *r, const struct hdt_joint_tab *j, struct hdt
     m->a_ref_q16 = Q(test_uniform(r, -20, 20), 16);
     m->dir_q30 = hdt_comp_direction_q30(j, m->v_ref_q24);
     m->travel_q40 = (int64_t)(test_uniform(r, 0, 1) * pow(10, test_uniform(r, -6, 0)) * 0x1p40);
+    m->wound_q30 = Q(test_uniform(r, -1, 1), 30);
     m->cold_q30 = Q(test_uniform(r, 0, 1), 30);
     d->turned = m->turned;
     d->q = D(m->q_q24, 24);
@@ -40,6 +41,7 @@ static void random_motion(uint64_t *r, const struct hdt_joint_tab *j, struct hdt
     d->a_ref = D(m->a_ref_q16, 16);
     d->dir = D(m->dir_q30, 30);
     d->travel = D(m->travel_q40, 40);
+    d->wound = D(m->wound_q30, 30);
     d->cold = D(m->cold_q30, 30);
     d->load = d->gravity = D(Q(test_uniform(r, -100, 100), 16), 16);
 }
@@ -49,12 +51,15 @@ static int32_t term_of(int term, const struct hdt_joint_tab *j, const struct hdt
     switch (term) {
     case HDT_TERM_FRICTION: return hdt_comp_friction(j, m);
     case HDT_TERM_RIPPLE: return hdt_comp_ripple(j, m);
-    case HDT_TERM_STIFFNESS: return hdt_comp_stiffness(j, m, load);
+    case HDT_TERM_STIFFNESS:
+        return j->windup_inv_q8 != 0 ? hdt_comp_hysteresis(j, m, load) : hdt_comp_stiffness(j, m, load);
     case HDT_TERM_LINES: return hdt_comp_lines(j, m);
     case HDT_TERM_LOAD: return hdt_comp_load(j, m, load);
     case HDT_TERM_TEMPERATURE: return hdt_comp_temperature(j, m);
     case HDT_TERM_PRESLIDING: return hdt_comp_presliding(j, m);
     case HDT_TERM_SPRING: return hdt_comp_spring(j, m);
+    case HDT_TERM_LOCAL: return hdt_comp_local(j, m);
+    case HDT_TERM_TABLE: return hdt_comp_table(j, m, load);
     case HDT_TERM_P: return hdt_comp_p(j, m);
     case HDT_TERM_D: return hdt_comp_d(j, m);
     default: return 0;
@@ -63,7 +68,7 @@ static int32_t term_of(int term, const struct hdt_joint_tab *j, const struct hdt
 
 static const int own_terms[] = {HDT_TERM_FRICTION, HDT_TERM_RIPPLE, HDT_TERM_STIFFNESS, HDT_TERM_LINES,
                                 HDT_TERM_LOAD, HDT_TERM_TEMPERATURE, HDT_TERM_PRESLIDING,
-                                HDT_TERM_SPRING, HDT_TERM_P, HDT_TERM_D};
+                                HDT_TERM_SPRING, HDT_TERM_LOCAL, HDT_TERM_TABLE, HDT_TERM_P, HDT_TERM_D};
 
 START_TEST(test_term_agrees_with_the_double_reference)
 {
@@ -94,6 +99,7 @@ START_TEST(test_knots_and_line_ends_are_met_on_both_sides)
     for (int n = 0; n < 200; n++) {
         ref_random_arm(&r, 1, &arm);
         struct hdt_joint_tab *j = &arm.joint[0];
+        j->windup_inv_q8 = 0;
         for (int32_t step = -2; step <= 2; step++) {
             for (int k = 1; k < 260; k += 3) {
                 struct hdt_motion m;

@@ -25,7 +25,7 @@ struct reference {
     int seen;
     int32_t count;
     uint64_t t_us;
-    double x[3], y[3], travel;
+    double x[3], y[3], travel, wound;
     int dir;
 };
 static struct walk walk;
@@ -99,6 +99,8 @@ static void follow(uint32_t j, struct ref_motion *m)
     }
     m->travel = s->travel;
     s->travel += fabs(m->v_ref) * arm.period_ns * 1e-9;
+    s->wound = fmax(-1, fmin(1, s->wound + m->v_ref * arm.period_ns * 1e-9 * D(t->windup_inv_q8, 8)));
+    m->wound = s->wound;
     m->cold = exp(walk.t * log(D(t->cold_decay_q31, 31)));
 }
 
@@ -109,7 +111,12 @@ static double run_tolerance(const struct hdt_joint_tab *t, int term, const struc
     const double q = 0x1p-24, slope = fmax(fabs(D(t->stiffness[m->dir < 0].slope_q24[0], 24)), 2);
     switch (term) {
     case HDT_TERM_GRAVITY: return chain;
-    case HDT_TERM_STIFFNESS: return 1.1 * LSB_NM + slope * chain;
+    /* the wind-up's travel loses up to half a q30 a period times 1/travel; curves move 10 N.m a knot at most */
+    case HDT_TERM_STIFFNESS: return 1.6 * LSB_NM + slope * chain + (t->windup_inv_q8 != 0 ? 1e-3 : 0);
+    case HDT_TERM_LOCAL: return 1.1 * LSB_NM + 10 / (double)(1u << t->local[m->dir < 0].shift);
+    case HDT_TERM_TABLE:
+        return 1.1 * LSB_NM + (t->axis == HDT_AXIS_PHASE || t->axis == HDT_AXIS_SPEED ? 0
+                               : 10 / (double)(1u << t->table.shift) * (t->axis == HDT_AXIS_LOAD ? chain / LSB_NM + 1 : 1));
     case HDT_TERM_LOAD: return 1.1 * LSB_NM + D(t->load_mu_q24, 24) * chain;
     case HDT_TERM_TEMPERATURE: return 1.6 * LSB_NM + 4e-5 * (fabs(D(t->cold_coulomb_q16, 16)) + fabs(D(t->cold_viscous_q16, 16) * m->v_ref));
     case HDT_TERM_PRESLIDING: return ref_tolerance(t, term) + 1e-4 * fabs(D(t->presliding_q16, 16));
@@ -252,7 +259,7 @@ START_TEST(test_a_joint_alone_is_the_joint_in_the_crowd)
     for (int n = 0; n < 50; n++) {
         ref_random_arm(&r, 8, &arm);
         for (uint32_t j = 0; j < 8; j++)
-            arm.joint[j].terms &= ~(1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_INERTIA | 1u << HDT_TERM_STIFFNESS | 1u << HDT_TERM_LOAD);
+            arm.joint[j].terms &= ~(1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_INERTIA | 1u << HDT_TERM_STIFFNESS | 1u << HDT_TERM_LOAD | 1u << HDT_TERM_TABLE);
         arm.stale_periods = 100;
         alone = arm;
         alone.joints = 1;

@@ -13,7 +13,10 @@
 #include <cstring>
 #include <fstream>
 #include <functional>
+#include <iterator>
+#include <map>
 #include <memory>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -69,6 +72,23 @@ static hdt_arm with_all_effects()
         joint.lines = 2;
         joint.line[0] = {100.5, 0.6, 0.2, 1};
         joint.line[1] = {1.5, 0.5, -0.4, 0};
+        joint.windup_rad = 2e-3;
+        joint.bumps = 1;
+        joint.bump[0] = {2, 0.1, 0.2};
+        joint.has_local = joint.has_table = joint.table_directed = 1;
+        joint.table_axis = j % HDT_AXES;
+        const double to[HDT_AXES] = {1, 40, 1, 2};
+        joint.table.from = joint.table_axis == HDT_AXIS_PHASE ? 0 : 0.1;
+        joint.table.to = to[joint.table_axis];
+        for (int way = 0; way < 2; way++) {
+            joint.local[way].from = -1;
+            joint.local[way].to = 1.5;
+        }
+        for (int k = 0; k < HDT_ARM_CURVE_POINTS; k++) {
+            joint.local[0].nm[k] = 1 + std::sin(0.3 * k);
+            joint.local[1].nm[k] = 2 + std::sin(0.2 * k);
+            joint.table.nm[k] = std::sin(2 * M_PI * k / 64);
+        }
     }
     arm.payload_kg = 2;
     arm.payload_com_m[0] = 0.03;
@@ -81,8 +101,8 @@ static hdt::Sample random_step(const hdt_arm &arm, const hdt_tables &tables, uin
                                hdt_out *out)
 {
     const double counts_per_turn = 16384 * 50;
-    hdt::Sample s{0, {}, {}, {}, {}, {}};
-    for (Eigen::VectorXd *x : {&s.q, &s.v, &s.a, &s.dir, &s.travel})
+    hdt::Sample s{0, {}, {}, {}, {}, {}, {}};
+    for (Eigen::VectorXd *x : {&s.q, &s.v, &s.a, &s.dir, &s.travel, &s.wound})
         *x = Eigen::VectorXd::Zero(arm.joints);
     hdt_in in = {};
     in.t_us = 1;
@@ -99,6 +119,8 @@ static hdt::Sample random_step(const hdt_arm &arm, const hdt_tables &tables, uin
         s.q[j] = in.count[j].raw / counts_per_turn * 2 * M_PI;
         s.v[j] = std::ldexp(in.v_ref[j].raw, -24);
         s.a[j] = std::ldexp(in.a_ref[j].raw, -16);
+        if (arm.joint[j].windup_rad > 0)
+            s.wound[j] = std::max(-1.0, std::min(1.0, s.v[j] / 700 / arm.joint[j].windup_rad));
         s.dir[j] = std::max(-1.0, std::min(1.0, s.v[j] / hdt::TableDefaults::v_ramp_radps));
         in.q_ref[j].raw = static_cast<int32_t>(std::lround(std::ldexp(s.q[j], 24)));
     }
@@ -121,6 +143,8 @@ START_TEST(test_the_core_computes_every_term_of_the_model)
     bound[HDT_TERM_FRICTION] += r.friction_nm;
     bound[HDT_TERM_RIPPLE] += r.ripple_nm;
     bound[HDT_TERM_LINES] += r.lines_nm;
+    bound[HDT_TERM_LOCAL] += r.curves_nm;
+    bound[HDT_TERM_TABLE] += r.curves_nm;
     // the load comes with the error of gravity and of a spring's rate and angle
     double steepest = 0;
     for (const hdt_arm_joint &j : arm.joint)
@@ -542,14 +566,14 @@ START_TEST(test_image_is_laid_out_as_documented)
     const hdt_tables &t = *made.tables;
     std::vector<uint8_t> image(hdt_tables_size(7));
     hdt_tables_write(&t, image.data(), image.size());
-    ck_assert_uint_eq(image.size(), 120 + 3400 * 7 + 4);
+    ck_assert_uint_eq(image.size(), 120 + 4978 * 7 + 4);
     ck_assert(std::memcmp(image.data(), "HDTM\2\0\0\0", 8) == 0);
     ck_assert(std::memcmp(&image[8], t.digest, 32) == 0);
     ck_assert(std::memcmp(&image[40], "pa10\0", 5) == 0);
     ck_assert_int_eq(word_at(image, 72), 7);
     ck_assert_int_eq(word_at(image, 80), 700 << 16);
     ck_assert_int_eq(word_at(image, 116), t.biquad_q28[4]);
-    const std::size_t joint = 120 + 3400;
+    const std::size_t joint = 120 + 4978;
     const hdt_joint_tab &tab = t.joint[1];
     const std::pair<std::size_t, int32_t> words[] = {
         {0, static_cast<int32_t>(tab.terms)},
@@ -572,23 +596,103 @@ START_TEST(test_image_is_laid_out_as_documented)
         {3176, tab.stiffness[0].t1_q16},
         {3208, tab.stiffness[1].t1_q16},
         {3236, tab.stiffness[1].slope_q24[2]},
-        {3240, 2},
-        {3252, tab.line[0].amplitude_q16},
-        {3264 + 8, tab.line[1].amplitude_q16},
-        {3324, tab.load_mu_q24},
-        {3336, tab.cold_decay_q31},
-        {3344, tab.presliding_inv_q8},
-        {3356, tab.offset_q16},
-        {3360, tab.kp_q16},
-        {3368, tab.digit_per_nm_q24},
-        {3372, tab.dig_max},
-        {3388, tab.q_max_q24},
-        {3396, tab.follow_max_q24}};
+        {3240, tab.windup_inv_q8},
+        {3244, 2},
+        {3256, tab.line[0].amplitude_q16},
+        {3268 + 8, tab.line[1].amplitude_q16},
+        {3328, tab.load_mu_q24},
+        {3340, tab.cold_decay_q31},
+        {3348, tab.presliding_inv_q8},
+        {3360, tab.offset_q16},
+        {3364, tab.kp_q16},
+        {3372, tab.digit_per_nm_q24},
+        {3376, tab.dig_max},
+        {3392, tab.q_max_q24},
+        {3400, tab.follow_max_q24},
+        {3404, tab.local[0].start},
+        {3408 + 522, static_cast<int32_t>(tab.local[1].shift)},
+        {3404 + 2 * 522, tab.table.start},
+        {4970, static_cast<int32_t>(tab.axis)},
+        {4974, static_cast<int32_t>(tab.directed)}};
     for (const auto &[at, value] : words)
         ck_assert_msg(word_at(image, joint + at) == value, "offset %zu: %d, not %d", at,
                       word_at(image, joint + at), value);
     ck_assert_int_eq(static_cast<int16_t>(image[joint + 3174] | image[joint + 3175] << 8),
                      tab.ripple_q8[1023]);
+}
+END_TEST
+
+// ---- effects the diagnosis knows ----
+
+// An arm file with one more effect on joint 2.
+static std::string with_effect(const std::string &id, const std::string &numbers)
+{
+    std::ifstream in("model/arms/pa10.toml");
+    const std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+    std::string out, line;
+    int joint = 0;
+    for (std::istringstream lines(text); std::getline(lines, line);) {
+        if (line == "[[joint]]" && ++joint == 3)
+            out += "[[joint.effect]]\nid = \"" + id + "\"\n" + numbers;
+        out += line + "\n";
+    }
+    return out;
+}
+
+START_TEST(test_every_effect_of_the_diagnosis_has_a_term_or_is_refused_by_name)
+{
+    // numbers of those a joint's effect can hold; payload, link_mass and base_tilt change the arm itself
+    static const std::map<std::string, std::pair<std::string, uint32_t>> held = {
+        {"torque_gain", {"gain", 0}},
+        {"torque_offset", {"torque", 1u << HDT_TERM_OFFSET}},
+        {"load_friction", {"mu", 1u << HDT_TERM_LOAD}},
+        {"temperature", {"coulomb viscous time_constant", 1u << HDT_TERM_TEMPERATURE}},
+        {"presliding", {"torque travel", 1u << HDT_TERM_PRESLIDING}},
+        {"cable_spring", {"stiffness rest", 1u << HDT_TERM_SPRING}},
+        {"inertia", {"inertia", 0}},
+        {"local_friction", {"torque at width", 1u << HDT_TERM_LOCAL}},
+        {"order_line", {"order amplitude phase directed", 1u << HDT_TERM_LINES}},
+    };
+    static const char *const ids[] = {
+        "payload", "link_mass", "base_tilt", "joint_offset", "cable_spring", "torque_gain",
+        "torque_offset", "torque_saturation", "torque_delay", "load_friction", "drive_efficiency",
+        "viscous_nonlinear", "stribeck_shape", "temperature", "presliding", "local_friction",
+        "order_line", "ripple_load", "ripple_speed", "inertia", "coupling", "eccentricity",
+        "external_vibration", "soft_windup"};
+    static const std::map<std::string, std::string> unit = {
+        {"gain", "1"}, {"torque", "N m"}, {"mu", "N m/N m"}, {"coulomb", "N m"},
+        {"viscous", "N m s/rad"}, {"time_constant", "s"}, {"travel", "rad"}, {"stiffness", "N m/rad"},
+        {"rest", "rad"}, {"inertia", "kg m^2"}, {"at", "rad"}, {"width", "rad"}, {"order", "1"},
+        {"amplitude", "N m"}, {"phase", "rad"}};
+    const std::string path = scratch_dir() + "/arm.toml";
+    const uint32_t plain = make(pa10()).tables->joint[1].terms;
+    int terms = 0;
+    for (const char *id : ids) {
+        const auto at = held.find(id);
+        std::string numbers;
+        if (at != held.end()) {
+            std::istringstream names(at->second.first);
+            for (std::string name; names >> name;)
+                numbers += name == "directed"
+                               ? "directed = true\n"
+                               : name + " = { value = 0.5, unit = \"" + unit.at(name)
+                                     + "\", confidence = \"low\", source = \"MHI\" }\n";
+        }
+        std::ofstream(path) << with_effect(id, numbers);
+        auto arm = std::make_unique<hdt_arm>();
+        char err[400] = "";
+        const int result = hdt_arm_load(path.c_str(), arm.get(), err, sizeof err);
+        if (at == held.end()) {
+            ck_assert_msg(result == -1, "%s was taken in silence", id);
+            ck_assert_msg(std::strstr(err, id) != nullptr, "%s is not named: %s", id, err);
+            continue;
+        }
+        ck_assert_msg(result == 0, "%s: %s", id, err);
+        const uint32_t now = make(*arm).tables->joint[1].terms;
+        ck_assert_msg(now == (plain | at->second.second), "%s: terms %x", id, now);
+        terms++;
+    }
+    ck_assert_int_eq(terms, 9);
 }
 END_TEST
 
@@ -610,6 +714,7 @@ static Suite *tablegen_suite(void)
     tcase_add_loop_test(refusals, test_what_does_not_fit_is_refused_by_name, 0,
                         static_cast<int>(sizeof refused_table / sizeof *refused_table));
     suite_add_tcase(suite, refusals);
+    tcase_add_test(refusals, test_every_effect_of_the_diagnosis_has_a_term_or_is_refused_by_name);
     TCase *ways = tcase_create("ways");
     tcase_add_test(ways, test_same_model_same_bytes);
     tcase_add_test(ways, test_image_is_laid_out_as_documented);

@@ -99,6 +99,17 @@ static inline void ref_random_joint(uint64_t *r, struct hdt_joint_tab *j, double
     }
     for (int k = 0; k < HDT_RIPPLE_KNOTS; k++)
         j->ripple_q8[k] = (int16_t)Q(test_uniform(r, -5, 5), 8);
+    j->windup_inv_q8 = test_random(r) & 1 ? Q(1 / test_uniform(r, 1e-4, 0.05), 8) : 0;
+    struct hdt_curve_tab *const curve[] = {&j->local[0], &j->local[1], &j->table};
+    j->axis = (uint32_t)(test_random(r) % HDT_AXES);
+    j->directed = test_random(r) & 1;
+    for (int c = 0; c < 3; c++) {
+        const int phase = c == 2 && j->axis == HDT_AXIS_PHASE;
+        curve[c]->start = phase ? 0 : Q(test_uniform(r, -4, 0), 24);
+        curve[c]->shift = phase ? 6 : 16 + (uint32_t)(test_random(r) % 3);
+        for (int k = 0; k < HDT_CURVE_KNOTS; k++)
+            curve[c]->value_q8[k] = (int16_t)Q(test_uniform(r, -5, 5), 8);
+    }
     j->lines = (uint32_t)(test_random(r) % (HDT_LINES_MAX + 1));
     for (uint32_t k = 0; k < HDT_LINES_MAX; k++) {
         j->line[k].amplitude_q16 = Q(test_uniform(r, -8, 8), 16);
@@ -302,7 +313,7 @@ static inline void ref_inertia(const struct hdt_tables *t, const double q[], con
 
 struct ref_motion {
     double turned; /* counts from zero, joint direction */
-    double q, v, q_ref, v_ref, a_ref, dir, travel, cold, gravity, inertia;
+    double q, v, q_ref, v_ref, a_ref, dir, travel, wound, cold, gravity, inertia;
     double load; /* what the gear has to carry: gravity, and a spring that is in use */
 };
 
@@ -333,12 +344,34 @@ static inline double ref_spring(const struct hdt_joint_tab *j, const struct ref_
     return D(j->spring_q16, 16) * (m->q - D(j->spring_q0_q24, 24));
 }
 
+static inline double ref_windup(const struct hdt_stiffness_tab *s, double x)
+{
+    const int k = x < D(s->t1_q16, 16) ? 0 : x <= D(s->t2_q16, 16) ? 1 : 2;
+    return D(s->intercept_q16[k], 16) + D(s->slope_q24[k], 24) * x;
+}
+
 static inline double ref_stiffness(const struct hdt_joint_tab *j, const struct ref_motion *m)
 {
-    const struct hdt_stiffness_tab *s = &j->stiffness[m->dir >= 0 ? 0 : 1];
-    const double x = m->load;
-    const int k = x < D(s->t1_q16, 16) ? 0 : x <= D(s->t2_q16, 16) ? 1 : 2;
-    return fabs(m->dir) * (D(s->intercept_q16[k], 16) + D(s->slope_q24[k], 24) * x);
+    if (j->windup_inv_q8 != 0)
+        return (1 + m->wound) / 2 * ref_windup(&j->stiffness[0], m->load) +
+               (1 - m->wound) / 2 * ref_windup(&j->stiffness[1], m->load);
+    return fabs(m->dir) * ref_windup(&j->stiffness[m->dir >= 0 ? 0 : 1], m->load);
+}
+
+/* A curve at x in the raw units of its axis. */
+static inline double ref_curve(const struct hdt_curve_tab *c, double x)
+{
+    const double place = fmax(0, fmin(256, (x - c->start) / (double)(1u << c->shift)));
+    const int k = (int)fmin(floor(place), 255);
+    return D(c->value_q8[k], 8) + (place - k) * (D(c->value_q8[k + 1], 8) - D(c->value_q8[k], 8));
+}
+
+static inline double ref_table(const struct hdt_joint_tab *j, const struct ref_motion *m)
+{
+    double phase = fmod(m->turned, 16384);
+    phase += phase < 0 ? 16384 : 0;
+    const double x[HDT_AXES] = {m->q * 0x1p24, m->load * 0x1p16, phase, fabs(m->v_ref) * 0x1p24};
+    return ref_curve(&j->table, x[j->axis]) * (j->directed ? m->dir : 1);
 }
 
 static inline double ref_lines(const struct hdt_joint_tab *j, const struct ref_motion *m)
@@ -368,6 +401,8 @@ static inline double ref_term(const struct hdt_joint_tab *j, int term, const str
         return -D(j->presliding_q16, 16) * exp(-m->travel * D(j->presliding_inv_q8, 8)) * m->dir;
     case HDT_TERM_SPRING: return ref_spring(j, m);
     case HDT_TERM_OFFSET: return D(j->offset_q16, 16);
+    case HDT_TERM_LOCAL: return m->dir * ref_curve(&j->local[m->dir >= 0 ? 0 : 1], m->q * 0x1p24);
+    case HDT_TERM_TABLE: return ref_table(j, m);
     case HDT_TERM_P: return D(j->kp_q16, 16) * (m->q_ref - m->q);
     case HDT_TERM_D: return D(j->kd_q16, 16) * (m->v_ref - m->v);
     default: return NAN;
@@ -383,9 +418,11 @@ static inline double ref_tolerance(const struct hdt_joint_tab *j, int term)
     case HDT_TERM_PRESLIDING: return 1.1 * LSB_NM + 5e-7 * fabs(D(j->presliding_q16, 16));
     case HDT_TERM_TEMPERATURE: return 1.6 * LSB_NM;
     case HDT_TERM_FRICTION: return 1.1 * LSB_NM;
-    case HDT_TERM_STIFFNESS:
+    case HDT_TERM_STIFFNESS: return (j->windup_inv_q8 != 0 ? 1.6 : 1.1) * LSB_NM;
     case HDT_TERM_LOAD: return 1.1 * LSB_NM;
     case HDT_TERM_OFFSET: return 0;
+    case HDT_TERM_LOCAL:
+    case HDT_TERM_TABLE: return 1.1 * LSB_NM;
     default: return 0.6 * LSB_NM;
     }
 }

@@ -40,6 +40,7 @@ static inline struct hdt_tables *rig_tables(void)
         k->a_lim_q16 = 32 << 16;
         k->v_ramp_inv_q16 = 100 << 16;
         k->friction_shift = 17;
+        k->local[0].shift = k->local[1].shift = k->table.shift = 1;
         k->kp_q16 = 100 << 16;
         k->offset_q16 = 1 << 16;
         k->digit_per_nm_q24 = 20 << 24; /* 1000 / 50 */
