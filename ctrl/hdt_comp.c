@@ -30,7 +30,7 @@ int32_t hdt_comp_load(const struct hdt_joint_tab *j, const struct hdt_motion *m,
 int32_t hdt_comp_temperature(const struct hdt_joint_tab *j, const struct hdt_motion *m)
 {
     const int64_t coulomb = hdt_mul(j->cold_coulomb_q16, m->dir_q30, 30);
-    const int64_t viscous = hdt_mul(j->cold_viscous_q16, m->v_ref_q24, 24);
+    const int64_t viscous = hdt_mul(j->cold_viscous_q16, m->v_fric_q24, 24);
     return hdt_mul(hdt_sat(coulomb + viscous), m->cold_q30, 30);
 }
 
@@ -82,7 +82,7 @@ int32_t hdt_comp_table(const struct hdt_joint_tab *j, const struct hdt_motion *m
     else if (j->axis == HDT_AXIS_PHASE)
         x = (int32_t)((uint32_t)m->turned & (HDT_COUNTS_PER_REV - 1u));
     else if (j->axis == HDT_AXIS_SPEED)
-        x = hdt_abs(m->v_ref_q24);
+        x = hdt_abs(m->v_fric_q24);
     const int64_t value = curve_q16(&j->table, x);
     return (int32_t)(j->directed ? hdt_shr(value * m->dir_q30, 30) : value);
 }

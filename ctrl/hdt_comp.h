@@ -20,11 +20,12 @@ struct hdt_motion {
     int32_t turned;       /* counts from zero, joint direction: q = turned * rad per count        */
     int32_t sin_q30, cos_q30; /* of q + phase0 */
     int32_t q_q24;        /* rad, measured        */
-    int32_t v_q24;        /* rad/s, measured      */
+    int32_t v_q24;        /* rad/s, measured: filtered, or the observer's */
+    int32_t v_fric_q24;   /* rad/s of friction: the reference's, or the observer's; within v_lim */
     int32_t q_ref_q24;    /* rad                  */
     int32_t v_ref_q24;    /* rad/s, within v_lim  */
     int32_t a_ref_q16;    /* rad/s^2, within a_lim */
-    int32_t dir_q30;      /* direction of the reference, -1..1, ramping through zero */
+    int32_t dir_q30;      /* direction of v_fric, -1..1, ramping through zero */
     int64_t travel_q40;   /* rad since the last reversal of the reference, >= 0 */
     int32_t wound_q30;    /* wind-up between the directions' torques, -1..1, where it has a travel */
     int32_t cold_q30;     /* share of the cold excess still there, 0..1 */
@@ -54,7 +55,7 @@ static inline hdt_phase_t hdt_comp_phase(uint64_t phase_per_count_q24, int32_t t
     return p;
 }
 
-/* clamp(v_ref / ramp, -1, 1).  Overflow: 2^30 * 2^31 before the clamp. */
+/* clamp(v / ramp, -1, 1).  Overflow: 2^30 * 2^31 before the clamp. */
 static inline int32_t hdt_comp_direction_q30(const struct hdt_joint_tab *j, int32_t v_ref_q24)
 {
     /* q24 * q16 = q40 -> q30 */
@@ -70,7 +71,7 @@ static inline int32_t hdt_comp_direction_q30(const struct hdt_joint_tab *j, int3
 static inline int32_t hdt_comp_friction(const struct hdt_joint_tab *j, const struct hdt_motion *m)
 {
     const int32_t *knot = j->friction_q16[m->dir_q30 < 0];
-    const uint32_t speed_q24 = (uint32_t)(m->v_ref_q24 < 0 ? -m->v_ref_q24 : m->v_ref_q24);
+    const uint32_t speed_q24 = (uint32_t)(m->v_fric_q24 < 0 ? -m->v_fric_q24 : m->v_fric_q24);
     const uint32_t shift = j->friction_shift;
 
     /* the last interval also serves every higher speed */

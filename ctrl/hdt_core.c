@@ -151,6 +151,54 @@ static int32_t pass_windup(hdt_t *h, uint32_t j, int32_t v_ref_q24, uint32_t per
     return h->wound_q30[j];
 }
 
+/* Observed velocity, and the uses the tables give it. */
+static void observe(hdt_t *h, const struct hdt_in *in, uint32_t j, uint32_t period_q32, struct hdt_motion *k, struct hdt_out *out)
+{
+    const struct hdt_tables *t = h->tables;
+    const struct hdt_joint_tab *tab = &t->joint[j];
+    struct hdt_obs *s = &h->obs[j];
+    /* below 2^63, q44 -> q40; no further than +-128 rad */
+    const int64_t far_q40 = (int64_t)1 << 47;
+    const int64_t q_q40 = hdt_clamp(hdt_shr((int64_t)k->turned * tab->rad_per_count_q44, 4), -far_q40, far_q40);
+
+    /* it starts, and starts again after a fault of more than a quarter rad, where the arm is */
+    const int64_t off = q_q40 - s->q_q40, quarter = (int64_t)1 << 38;
+    if (!(h->observed >> j & 1u) || off > quarter || off < -quarter) {
+        h->observed |= h->seen & (uint32_t)1 << j;
+        s->q_q40 = q_q40;
+        s->v_q40 = 0;
+        s->d_q32 = 0;
+    }
+    const int32_t v_q24 = hdt_vel_observe(s, t->observer_gain, q_q40, (int)(in->fresh >> j & 1u), period_q32);
+    out->v_obs[j].raw = v_q24;
+    if (t->observer >> HDT_OBSERVED_FEEDBACK & 1u)
+        k->v_q24 = v_q24;
+    if (t->observer >> HDT_OBSERVED_FRICTION & 1u) {
+        k->v_fric_q24 = (int32_t)hdt_clamp(v_q24, -tab->v_lim_q24, tab->v_lim_q24);
+        k->dir_q30 = hdt_comp_direction_q30(tab, k->v_fric_q24);
+    }
+}
+
+/* What the torque let through will accelerate each joint by, as far as the model knows. */
+static void expect(hdt_t *h, const struct hdt_in *in, const struct hdt_motion m[], const struct hdt_out *out)
+{
+    for (uint32_t j = 0; j < h->tables->joints; j++) {
+        const struct hdt_joint_tab *tab = &h->tables->joint[j];
+        const int driven = (int)(in->active >> j & 1u) && out->fault == 0;
+        int64_t a_q16 = 0;
+        if (driven && in->mode == HDT_MODE_VELOCITY) {
+            a_q16 = m[j].a_ref_q16;
+        } else if (driven && in->mode == HDT_MODE_TORQUE) {
+            /* torque not spoken for by the model; q24 -> q16, below 2^38; q16 * q20 -> q16 */
+            const int64_t used_q16 = hdt_shr((int64_t)h->gate.digit[j] * tab->nm_per_digit_q24, 8);
+            const int64_t rest_q16 = used_q16 - out->total[j].raw + out->term[HDT_TERM_P][j].raw + out->term[HDT_TERM_D][j].raw;
+            a_q16 = hdt_shr(hdt_sat(rest_q16) * (int64_t)tab->inertia_inv_q20, 20);
+            a_q16 += tab->terms & USE(HDT_TERM_INERTIA) ? m[j].a_ref_q16 : 0;
+        }
+        h->obs[j].a_q16 = (int32_t)hdt_clamp(a_q16, -((int64_t)1 << 28), (int64_t)1 << 28);
+    }
+}
+
 static void measure(hdt_t *h, const struct hdt_in *in, struct hdt_motion m[], struct hdt_out *out)
 {
     const struct hdt_tables *t = h->tables;
@@ -167,6 +215,7 @@ static void measure(hdt_t *h, const struct hdt_in *in, struct hdt_motion m[], st
         k->q_ref_q24 = in->q_ref[j].raw;
         k->v_ref_q24 = (int32_t)hdt_clamp(in->v_ref[j].raw, -tab->v_lim_q24, tab->v_lim_q24);
         k->a_ref_q16 = (int32_t)hdt_clamp(in->a_ref[j].raw, -tab->a_lim_q16, tab->a_lim_q16);
+        k->v_fric_q24 = k->v_ref_q24;
         k->dir_q30 = hdt_comp_direction_q30(tab, k->v_ref_q24);
         if (tab->terms & USE(HDT_TERM_PRESLIDING))
             k->travel_q40 = pass_travel(h, j, k->v_ref_q24, period_q32);
@@ -181,6 +230,8 @@ static void measure(hdt_t *h, const struct hdt_in *in, struct hdt_motion m[], st
         }
         out->q[j].raw = k->q_q24;
         out->v[j].raw = k->v_q24;
+        if (t->observer != 0)
+            observe(h, in, j, period_q32, k, out);
     }
 }
 
@@ -275,6 +326,8 @@ int hdt_step(hdt_t *h, const struct hdt_in *in, struct hdt_out *out)
     if (in->mode == HDT_MODE_VELOCITY)
         follow(h->tables, in, out, v_cmd);
     hdt_gate_step(&h->gate, h->tables, in, h->seen, v_cmd, out);
+    if (h->tables->observer != 0)
+        expect(h, in, m, out);
     return HDT_OK;
 }
 

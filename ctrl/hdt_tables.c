@@ -27,6 +27,8 @@ static const struct range head_ranges[] = {
     /* a vector turned stays below 2^31 */
     RANGE(hdt_tables, gravity_q24, -(1 << 30), 1 << 30),
     RANGE(hdt_tables, biquad_q28, -(1 << 30), 1 << 30),
+    RANGE(hdt_tables, observer, 0, (1 << HDT_OBSERVED) - 1),
+    RANGE(hdt_tables, observer_gain, 0, 1 << 30),
 };
 
 static const struct range joint_ranges[] = {
@@ -60,6 +62,8 @@ static const struct range joint_ranges[] = {
     /* times a difference of two int32 */
     RANGE(hdt_joint_tab, kp_q16, 0, 1 << 30),
     RANGE(hdt_joint_tab, kd_q16, 0, 1 << 30),
+    RANGE(hdt_joint_tab, inertia_inv_q20, 0, 1 << 30),
+    RANGE(hdt_joint_tab, nm_per_digit_q24, 0, 1 << 30),
     RANGE(hdt_joint_tab, digit_per_nm_q24, 1, NO_LIMIT),
     RANGE(hdt_joint_tab, dig_max, 1, 32767),
     RANGE(hdt_joint_tab, dig_slew, 1, 65535),
@@ -350,6 +354,7 @@ static const struct field head_fields[] = {
     FIELD(hdt_tables, joints, 4),      FIELD(hdt_tables, period_ns, 4),
     FIELD(hdt_tables, rate_q16, 4),    FIELD(hdt_tables, stale_periods, 4),
     FIELD(hdt_tables, gravity_q24, 4), FIELD(hdt_tables, biquad_q28, 4),
+    FIELD(hdt_tables, observer, 4),    FIELD(hdt_tables, observer_gain, 4),
 };
 
 /* up to the lines */
@@ -380,7 +385,8 @@ static const struct field tail_fields[] = {
     FIELD(hdt_joint_tab, presliding_q16, 4),   FIELD(hdt_joint_tab, presliding_inv_q8, 4),
     FIELD(hdt_joint_tab, spring_q16, 4),       FIELD(hdt_joint_tab, spring_q0_q24, 4),
     FIELD(hdt_joint_tab, offset_q16, 4),       FIELD(hdt_joint_tab, kp_q16, 4),
-    FIELD(hdt_joint_tab, kd_q16, 4),           FIELD(hdt_joint_tab, digit_per_nm_q24, 4),
+    FIELD(hdt_joint_tab, kd_q16, 4),           FIELD(hdt_joint_tab, inertia_inv_q20, 4),
+    FIELD(hdt_joint_tab, nm_per_digit_q24, 4), FIELD(hdt_joint_tab, digit_per_nm_q24, 4),
     FIELD(hdt_joint_tab, dig_max, 4),          FIELD(hdt_joint_tab, dig_slew, 4),
     FIELD(hdt_joint_tab, spd_max, 4),          FIELD(hdt_joint_tab, q_min_q24, 4),
     FIELD(hdt_joint_tab, q_max_q24, 4),        FIELD(hdt_joint_tab, v_max_q24, 4),

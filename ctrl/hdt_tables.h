@@ -45,6 +45,13 @@ enum hdt_term {
     HDT_TERMS
 };
 
+/* Uses of the velocity observer (hdt_vel.h); none: it does not run. */
+enum hdt_observed {
+    HDT_OBSERVED_FEEDBACK,       /* the D term, in place of the filtered velocity               */
+    HDT_OBSERVED_FRICTION,       /* direction and speed of friction, in place of the reference's */
+    HDT_OBSERVED
+};
+
 /* What a link is spared because its numbers are as simple as they look. */
 enum hdt_chain {
     HDT_CHAIN_RIGHT = 1u << 0, /* the twist is a quarter turn: cosine 0, sine 1                */
@@ -129,6 +136,8 @@ struct hdt_joint_tab {
     /* feedback and output */
     int32_t kp_q16;              /* N.m/rad   output side */
     int32_t kd_q16;              /* N.m.s/rad output side */
+    int32_t inertia_inv_q20;     /* 1/(kg.m^2)  rotor and links at a middle pose, for the observer */
+    int32_t nm_per_digit_q24;    /* N.m output a digit                                        */
     int32_t digit_per_nm_q24;    /* digits per N.m output: 1000 / (N * torque gain), positive */
 
     /* limits, kept by the gate */
@@ -157,6 +166,8 @@ struct hdt_tables {
                                   * HDT_FAULT_STALE, >= 1                                    */
     int32_t gravity_q24[3];      /* m/s^2 in the base frame */
     int32_t biquad_q28[5];       /* velocity low-pass: b0 b1 b2 a1 a2, a0 = 1                 */
+    uint32_t observer;           /* bit (1u << enum hdt_observed): what takes the observer's velocity */
+    int32_t observer_gain[3];    /* of angle q30, of velocity 1/s q16, of acceleration 1/s^2 q8 */
     struct hdt_joint_tab joint[HDT_JOINTS_MAX];
 };
 

@@ -63,4 +63,32 @@ static inline int32_t hdt_vel_filter(struct hdt_vel *s, const int32_t biquad_q28
     return s->y_q24[0];
 }
 
+/* ---- observer ---- */
+
+/* Count gone, angle known: one period of
+ *     e = q - q^;  q^ += g0 e;  v^ += g1 e;  d^ += g2 e        if the count is fresh, then
+ *     q^ += v^ dt;  v^ += (a + d^) dt
+ * with a the acceleration the model expects of the torque let through last period (hdt_obs.a_q16).
+ * Returns the velocity before it goes on to the next period.
+ * Overflow: e is clamped to +-0.25 rad (q32, 2^30), v^ to +-128 rad/s, a + d^ to +-4096 rad/s^2; gains are
+ * at most 2^30, the period 2^32 (q32 of a second), so products stay below 2^62. */
+static inline int32_t hdt_vel_observe(struct hdt_obs *s, const int32_t gain[3], int64_t q_q40, int fresh, uint32_t period_q32)
+{
+    const int64_t quarter = (int64_t)1 << 30, v_max = ((int64_t)1 << 47) - 1, a_max = (int64_t)1 << 28;
+
+    if (fresh) {
+        const int64_t e_q32 = hdt_clamp(hdt_shr(q_q40 - s->q_q40, 8), -quarter, quarter);
+        s->q_q40 += hdt_shr(e_q32 * gain[0], 22);
+        s->v_q40 = hdt_clamp(s->v_q40 + hdt_shr(e_q32 * gain[1], 8), -v_max, v_max);
+        s->d_q32 = hdt_clamp(s->d_q32 + hdt_shr(e_q32 * gain[2], 8), -(a_max << 16), a_max << 16);
+    }
+    const int32_t v_q24 = hdt_sat(hdt_shr(s->v_q40, 16));
+    const int64_t a_q16 = hdt_clamp(s->a_q16 + hdt_shr(s->d_q32, 16), -a_max, a_max);
+
+    /* rad/s q22 * q32 -> q40; rad/s^2 q16 * q32 -> q40 */
+    s->q_q40 += hdt_shr(hdt_shr(s->v_q40, 18) * period_q32, 14);
+    s->v_q40 = hdt_clamp(s->v_q40 + hdt_shr(a_q16 * period_q32, 8), -v_max, v_max);
+    return v_q24;
+}
+
 #endif

@@ -58,6 +58,17 @@ struct Reader {
         return d.entries.at(key).quantity.value[0];
     }
 
+    // 1 for the second of two words, 0 for the first or none.
+    int choice(const std::string &key, const char *first, const char *second) const
+    {
+        if (!d.has(key) || text(key) == first)
+            return 0;
+        if (text(key) != second)
+            d.fail(key, std::string("expected \"") + first + "\" or \"" + second + "\", found "
+                            + quote(text(key).substr(0, 40)));
+        return 1;
+    }
+
     double number_or(const std::string &key, double fallback) const
     {
         return d.has(key) ? number(key) : fallback;
@@ -500,6 +511,8 @@ hdt_arm derive_arm(const Document &d)
     if (r.group("control.", {"rate", "velocity_cutoff"})) {
         arm.control_rate_hz = r.number("control.rate");
         arm.velocity_cutoff_hz = r.number("control.velocity_cutoff");
+        arm.observe_feedback = r.choice("control.feedback_velocity", "filtered", "observed");
+        arm.observe_friction = r.choice("control.friction_velocity", "desired", "observed");
         if (!(arm.velocity_cutoff_hz < arm.control_rate_hz / 2))
             d.fail("control.velocity_cutoff",
                    "expected below half of control.rate = " + number_text(arm.control_rate_hz)

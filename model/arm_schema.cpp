@@ -196,6 +196,8 @@ const std::vector<KeySpec> &key_table()
             number_key("base.gravity", "m/s^2", 3),
             number_key("control.rate", "Hz", 1, Range::Positive),
             number_key("control.velocity_cutoff", "Hz", 1, Range::Positive),
+            text_key("control.feedback_velocity"),
+            text_key("control.friction_velocity"),
             number_key("flange.origin", "m", 3),
             number_key("flange.rpy", "rad", 3),
             number_key("payload.mass", "kg", 1, Range::NonNegative),

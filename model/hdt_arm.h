@@ -114,6 +114,7 @@ struct hdt_arm {
     double flange_m[3], flange_rot[9];/* in the last joint's frame */
     double payload_kg, payload_com_m[3]; /* in the flange frame */
     double control_rate_hz, velocity_cutoff_hz;
+    int observe_feedback, observe_friction; /* velocity by the observer: of the D term, of friction */
     struct hdt_arm_joint joint[HDT_ARM_JOINTS_MAX];
 };
 

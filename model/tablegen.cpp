@@ -276,6 +276,7 @@ void make_scaling(const hdt_arm_joint &joint, const std::string &key, hdt_joint_
         static_cast<uint32_t>(std::llround(std::ldexp(2 * pi * turns_per_count, 44)));
     out->phase_per_count_q24 = turn_part(turns_per_count, 56);
     out->digit_per_nm_q24 = fixed(key + "gear.ratio", 1000 / (joint.ratio * joint.torque_gain), 24);
+    out->nm_per_digit_q24 = fixed(key + "gear.ratio", joint.ratio * joint.torque_gain / 1000, 24, 0, 64);
     out->kp_q16 =
         fixed(key + "feedback.kp (times ratio)", joint.ratio * joint.kp_m_nmprad, 16, 0, 16384);
     out->kd_q16 =
@@ -345,6 +346,36 @@ void make_biquad(const hdt_arm &arm, int32_t out[5])
     out[1] = static_cast<int32_t>((int64_t(1) << 28) + out[3] + out[4] - out[0] - out[2]);
 }
 
+// Triple pole of the observer where the low-pass has its corner (fading-memory filter of degree two).
+void make_observer(const hdt_arm &arm, hdt_tables *t)
+{
+    t->observer = (arm.observe_feedback ? 1u : 0u) << HDT_OBSERVED_FEEDBACK
+                  | (arm.observe_friction ? 1u : 0u) << HDT_OBSERVED_FRICTION;
+    const double rate = arm.control_rate_hz, p = std::exp(-2 * pi * arm.velocity_cutoff_hz / rate),
+                 r = 1 - p;
+    t->observer_gain[0] = fixed("control.velocity_cutoff", 1 - p * p * p, 30, 0, 1);
+    t->observer_gain[1] = fixed("control.rate", 1.5 * r * r * (1 + p) * rate, 16, 0, 16384);
+    t->observer_gain[2] = fixed("control.rate", std::min(r * r * r * rate * rate, 4194303.0), 8);
+}
+
+// Inertia each joint turns with the arm at the middle of its range: for the observer.
+void make_inertia(const hdt_arm &arm, hdt_tables *t)
+{
+    const int n = arm.joints;
+    Eigen::VectorXd q(n);
+    const Eigen::VectorXd zero = Eigen::VectorXd::Zero(n);
+    for (int j = 0; j < n; j++)
+        q[j] = (arm.joint[j].q_min_rad + arm.joint[j].q_max_rad) / 2;
+    const Eigen::VectorXd held = rbd::gravity(arm, q);
+    for (int j = 0; j < n; j++) {
+        Eigen::VectorXd a = zero;
+        a[j] = 1;
+        const double sum = (rbd::inverse_dynamics(arm, q, zero, a) - held)[j] + reflected_inertia_kgm2(arm.joint[j]);
+        // an arm of unknown inertia: the observer goes by the counts alone
+        t->joint[j].inertia_inv_q20 = sum > 1 / 1024.0 ? fixed("inertia", 1 / sum, 20) : 0;
+    }
+}
+
 void make_head(const hdt_arm &arm, hdt_tables *t)
 {
     t->magic = HDT_TABLES_MAGIC;
@@ -366,6 +397,7 @@ void make_head(const hdt_arm &arm, hdt_tables *t)
     t->rate_q16 = static_cast<uint32_t>(std::llround(std::ldexp(arm.control_rate_hz, 16)));
     t->stale_periods = TableDefaults::stale_periods;
     make_biquad(arm, t->biquad_q28);
+    make_observer(arm, t);
 }
 
 // Reference motion the terms follow: the speed a fault is at, and any acceleration up to the one the
@@ -433,6 +465,7 @@ void make_tables(const hdt_arm &arm, hdt_tables *t, hdt_gen_report *report)
     for (int j = 0; j < arm.joints; j++)
         make_joint(arm, j, &t->joint[j], report);
     make_chain(arm, t);
+    make_inertia(arm, t);
     limit_chain(t);
     report->gravity_nm = gravity_error_nm(arm, *t);
     // the core has the last word on what it takes

@@ -141,6 +141,8 @@ struct Writer {
     {
         field("kp_q16", j.kp_q16);
         field("kd_q16", j.kd_q16);
+        field("inertia_inv_q20", j.inertia_inv_q20);
+        field("nm_per_digit_q24", j.nm_per_digit_q24);
         field("digit_per_nm_q24", j.digit_per_nm_q24);
         field("dig_max", j.dig_max);
         field("dig_slew", j.dig_slew);
@@ -163,6 +165,8 @@ struct Writer {
         field("stale_periods", t.stale_periods);
         array("gravity_q24", t.gravity_q24);
         array("biquad_q28", t.biquad_q28);
+        field("observer", t.observer);
+        array("observer_gain", t.observer_gain);
     }
 };
 

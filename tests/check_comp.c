@@ -28,6 +28,7 @@ static void random_motion(uint64_t *r, const struct hdt_joint_tab *j, struct hdt
     m->v_q24 = Q(test_uniform(r, -4, 4), 24);
     m->q_ref_q24 = Q(test_uniform(r, -4, 4), 24);
     m->v_ref_q24 = Q(test_uniform(r, -1, 1) * pow(10, test_uniform(r, -4, 0.6)), 24);
+    m->v_fric_q24 = m->v_ref_q24;
     m->a_ref_q16 = Q(test_uniform(r, -20, 20), 16);
     m->dir_q30 = hdt_comp_direction_q30(j, m->v_ref_q24);
     m->travel_q40 = (int64_t)(test_uniform(r, 0, 1) * pow(10, test_uniform(r, -6, 0)) * 0x1p40);
@@ -108,6 +109,7 @@ START_TEST(test_knots_and_line_ends_are_met_on_both_sides)
                 m.v_ref_q24 = (k << j->friction_shift) + step;
                 if (n & 1)
                     m.v_ref_q24 = -m.v_ref_q24;
+                m.v_fric_q24 = m.v_ref_q24;
                 m.dir_q30 = hdt_comp_direction_q30(j, m.v_ref_q24);
                 d.v_ref = D(m.v_ref_q24, 24);
                 d.dir = D(m.dir_q30, 30);
@@ -131,6 +133,7 @@ START_TEST(test_directed_terms_vanish_at_standstill)
         struct ref_motion d;
         random_motion(&r, &arm.joint[0], &m, &d);
         m.v_ref_q24 = 0;
+        m.v_fric_q24 = m.v_ref_q24;
         m.dir_q30 = hdt_comp_direction_q30(&arm.joint[0], 0);
         ck_assert_int_eq(m.dir_q30, 0);
         ck_assert_int_eq(hdt_comp_friction(&arm.joint[0], &m), 0);
@@ -281,6 +284,7 @@ START_TEST(test_terms_saturate_and_never_wrap)
             j->stiffness[0].intercept_q16[k] = j->stiffness[1].intercept_q16[k] = EDGE / 2;
         }
         m.v_ref_q24 = (int32_t)hdt_clamp(EDGE, -j->v_lim_q24, j->v_lim_q24);
+        m.v_fric_q24 = m.v_ref_q24;
         m.v_q24 = EDGE;
         m.q_ref_q24 = EDGE;
         m.q_q24 = EDGE;

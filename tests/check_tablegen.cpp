@@ -566,14 +566,16 @@ START_TEST(test_image_is_laid_out_as_documented)
     const hdt_tables &t = *made.tables;
     std::vector<uint8_t> image(hdt_tables_size(7));
     hdt_tables_write(&t, image.data(), image.size());
-    ck_assert_uint_eq(image.size(), 120 + 4978 * 7 + 4);
+    ck_assert_uint_eq(image.size(), 136 + 4986 * 7 + 4);
     ck_assert(std::memcmp(image.data(), "HDTM\2\0\0\0", 8) == 0);
     ck_assert(std::memcmp(&image[8], t.digest, 32) == 0);
     ck_assert(std::memcmp(&image[40], "pa10\0", 5) == 0);
     ck_assert_int_eq(word_at(image, 72), 7);
     ck_assert_int_eq(word_at(image, 80), 700 << 16);
     ck_assert_int_eq(word_at(image, 116), t.biquad_q28[4]);
-    const std::size_t joint = 120 + 4978;
+    ck_assert_int_eq(word_at(image, 120), static_cast<int32_t>(t.observer));
+    ck_assert_int_eq(word_at(image, 132), t.observer_gain[2]);
+    const std::size_t joint = 136 + 4986;
     const hdt_joint_tab &tab = t.joint[1];
     const std::pair<std::size_t, int32_t> words[] = {
         {0, static_cast<int32_t>(tab.terms)},
@@ -605,15 +607,17 @@ START_TEST(test_image_is_laid_out_as_documented)
         {3348, tab.presliding_inv_q8},
         {3360, tab.offset_q16},
         {3364, tab.kp_q16},
-        {3372, tab.digit_per_nm_q24},
-        {3376, tab.dig_max},
-        {3392, tab.q_max_q24},
-        {3400, tab.follow_max_q24},
-        {3404, tab.local[0].start},
-        {3408 + 522, static_cast<int32_t>(tab.local[1].shift)},
-        {3404 + 2 * 522, tab.table.start},
-        {4970, static_cast<int32_t>(tab.axis)},
-        {4974, static_cast<int32_t>(tab.directed)}};
+        {3372, tab.inertia_inv_q20},
+        {3376, tab.nm_per_digit_q24},
+        {3380, tab.digit_per_nm_q24},
+        {3384, tab.dig_max},
+        {3400, tab.q_max_q24},
+        {3408, tab.follow_max_q24},
+        {3412, tab.local[0].start},
+        {3416 + 522, static_cast<int32_t>(tab.local[1].shift)},
+        {3412 + 2 * 522, tab.table.start},
+        {4978, static_cast<int32_t>(tab.axis)},
+        {4982, static_cast<int32_t>(tab.directed)}};
     for (const auto &[at, value] : words)
         ck_assert_msg(word_at(image, joint + at) == value, "offset %zu: %d, not %d", at,
                       word_at(image, joint + at), value);

@@ -77,11 +77,11 @@ START_TEST(test_bytes_are_where_the_format_says)
     ck_assert_uint_eq(get32(image + 72), 2);
     ck_assert_uint_eq(get32(image + 76), arm.period_ns);
     ck_assert_uint_eq(get32(image + 80), arm.rate_q16);
-    ck_assert_uint_eq(get32(image + 120), arm.joint[0].terms);
-    ck_assert_uint_eq(get32(image + 124), (uint32_t)arm.joint[0].sign);
-    ck_assert_uint_eq(get32(image + 132), arm.joint[0].rad_per_count_q44);
-    ck_assert_uint_eq(get32(image + 136), (uint32_t)arm.joint[0].phase_per_count_q24);
-    ck_assert_uint_eq(get32(image + 140), (uint32_t)(arm.joint[0].phase_per_count_q24 >> 32));
+    ck_assert_uint_eq(get32(image + 136), arm.joint[0].terms);
+    ck_assert_uint_eq(get32(image + 140), (uint32_t)arm.joint[0].sign);
+    ck_assert_uint_eq(get32(image + 148), arm.joint[0].rad_per_count_q44);
+    ck_assert_uint_eq(get32(image + 152), (uint32_t)arm.joint[0].phase_per_count_q24);
+    ck_assert_uint_eq(get32(image + 156), (uint32_t)(arm.joint[0].phase_per_count_q24 >> 32));
     ck_assert_uint_eq(get32(image + size - 8), (uint32_t)arm.joint[1].follow_max_q24);
     ck_assert_uint_eq(get32(image + size - 4), crc_by_table(image, size - 4));
     ck_assert_uint_eq(crc_by_table((const uint8_t *)"123456789", 9), 0xcbf43926u);
