@@ -346,12 +346,13 @@ void make_biquad(const hdt_arm &arm, int32_t out[5])
     out[1] = static_cast<int32_t>((int64_t(1) << 28) + out[3] + out[4] - out[0] - out[2]);
 }
 
-// Triple pole of the observer where the low-pass has its corner (fading-memory filter of degree two).
+// Triple pole of the observer a quarter of the low-pass's corner (fading-memory filter of degree two): it
+// knows the acceleration, so slow is quiet and does not lag.
 void make_observer(const hdt_arm &arm, hdt_tables *t)
 {
     t->observer = (arm.observe_feedback ? 1u : 0u) << HDT_OBSERVED_FEEDBACK
                   | (arm.observe_friction ? 1u : 0u) << HDT_OBSERVED_FRICTION;
-    const double rate = arm.control_rate_hz, p = std::exp(-2 * pi * arm.velocity_cutoff_hz / rate),
+    const double rate = arm.control_rate_hz, p = std::exp(-2 * pi * TableDefaults::observer_share * arm.velocity_cutoff_hz / rate),
                  r = 1 - p;
     t->observer_gain[0] = fixed("control.velocity_cutoff", 1 - p * p * p, 30, 0, 1);
     t->observer_gain[1] = fixed("control.rate", 1.5 * r * r * (1 + p) * rate, 16, 0, 16384);

@@ -239,8 +239,8 @@ static Suite *vel_suite(void)
     tcase_add_test(f, test_constant_speed_is_reached_exactly);
     tcase_add_test(f, test_cutoff_is_three_decibel);
     tcase_add_test(f, test_full_scale_square_wave_never_wraps);
-    tcase_add_test(c, test_observer_given_the_acceleration_does_not_lag);
-    tcase_add_test(c, test_observer_stays_in_its_formats_at_any_input);
+    tcase_add_test(f, test_observer_given_the_acceleration_does_not_lag);
+    tcase_add_test(f, test_observer_stays_in_its_formats_at_any_input);
     suite_add_tcase(s, d);
     suite_add_tcase(s, f);
     return s;
