@@ -78,9 +78,9 @@ static inline void hdt_sin_cos(hdt_phase_t angle, int32_t *sin_q30, int32_t *cos
     const uint32_t k = shifted >> 24;
     const int64_t s = hdt_sine_q30[k], c = hdt_sine_q30[k + 64u];
 
-    /* 2^-32 turn -> rad q36: 2 pi * 16 = 1647099 / 2^14 */
+    /* 2^-32 turn -> rad q36: 2 pi * 16 = 26353589 / 2^18 */
     const int64_t rest = (int64_t)(shifted & 0xffffffu) - ((int64_t)1 << 23);
-    const int64_t u = hdt_shr(rest * 1647099, 14);
+    const int64_t u = hdt_shr(rest * 26353589, 18);
     const int64_t fall = hdt_shr(u * u, 37);                    /* 1 - cos u, q36; 2^21 / 6 = 349525 */
     const int64_t turn = u - hdt_shr(hdt_shr(u * fall, 36) * 349525, 20); /* sin u, q36 */
 

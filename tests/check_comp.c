@@ -124,6 +124,23 @@ START_TEST(test_knots_and_line_ends_are_met_on_both_sides)
 }
 END_TEST
 
+START_TEST(test_ripple_at_every_count_of_a_turn_and_around_it)
+{
+    uint64_t r = 71;
+    ref_random_arm(&r, 1, &arm);
+    const struct hdt_joint_tab *j = &arm.joint[0];
+    for (int32_t turned = -16384; turned < 2 * 16384; turned++) {
+        struct hdt_motion m = {0};
+        struct ref_motion d = {0};
+        m.turned = turned;
+        m.dir_q30 = turned & 1 ? 1 << 30 : -(1 << 30);
+        d.turned = turned;
+        d.dir = D(m.dir_q30, 30);
+        ck_assert_double_eq_tol(D(hdt_comp_ripple(j, &m), 16), ref_ripple(j, &d), 1e-12);
+    }
+}
+END_TEST
+
 START_TEST(test_directed_terms_vanish_at_standstill)
 {
     uint64_t r = 8;
@@ -326,6 +343,7 @@ static Suite *comp_suite(void)
     tcase_add_loop_test(one, test_term_agrees_with_the_double_reference, 0,
                         (int)(sizeof own_terms / sizeof own_terms[0]));
     tcase_add_test(one, test_knots_and_line_ends_are_met_on_both_sides);
+    tcase_add_test(one, test_ripple_at_every_count_of_a_turn_and_around_it);
     tcase_add_test(one, test_directed_terms_vanish_at_standstill);
     tcase_add_test(one, test_direction_ramps_and_stops_at_one);
     tcase_add_loop_test(chain, test_gravity_is_the_gradient_of_potential_energy, 1, HDT_JOINTS_MAX + 1);

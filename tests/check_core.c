@@ -515,6 +515,9 @@ static void any_arm(uint64_t *r)
 {
     do {
         ref_random_arm(r, 1 + (uint32_t)(test_random(r) % 16), &arm);
+        arm.observer = (uint32_t)(test_random(r) % (1u << HDT_OBSERVED));
+        for (int i = 0; i < 3; i++)
+            arm.observer_gain[i] = (int32_t)(test_random(r) % ((1u << 30) + 1u));
         for (uint32_t j = 0; j < arm.joints; j++) {
             int32_t *word = (int32_t *)(void *)&arm.joint[j];
             for (int k = 0; k < 200; k++) {
