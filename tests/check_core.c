@@ -422,6 +422,52 @@ START_TEST(test_lost_telegrams_do_not_look_like_speed)
 }
 END_TEST
 
+START_TEST(test_observer_knows_what_its_torque_does)
+{
+    /* a link of 2 kg.m^2 that weighs 1 N.m swings after a sine: the observed velocity is the true one, also
+     * where the torque turns; friction of the observed velocity is that velocity's */
+    plain(1);
+    struct hdt_joint_tab *t = &arm.joint[0];
+    const double dt = arm.period_ns * 1e-9, per_count = D(t->rad_per_count_q44, 44), w = 9;
+    double q = 0, v = 0, worst = 0, fastest = 0;
+    t->terms |= 1u << HDT_TERM_P | 1u << HDT_TERM_D | 1u << HDT_TERM_FRICTION;
+    t->kp_q16 = 400 << 16;
+    t->kd_q16 = 20 << 16;
+    t->dig_max = 32767;
+    t->dig_slew = 65535;
+    t->digit_per_nm_q24 = 20 << 24;
+    t->nm_per_digit_q24 = Q(0.05, 24);
+    t->inertia_inv_q20 = 1 << 19;
+    for (int k = 0; k < HDT_FRICTION_KNOTS; k++)
+        t->friction_q16[0][k] = t->friction_q16[1][k] = 3 << 16;
+    arm.observer = 1u << HDT_OBSERVED_FRICTION;
+    const double p = exp(-2 * REF_PI * 3 * dt), r = 1 - p; /* 3 Hz: twice what it follows */
+    arm.observer_gain[0] = Q(1 - p * p * p, 30);
+    arm.observer_gain[1] = Q(1.5 * r * r * (1 + p) / dt, 16);
+    arm.observer_gain[2] = Q(r * r * r / dt / dt, 8);
+    ck_assert_int_eq(hdt_init(&core, &arm), HDT_OK);
+    for (int k = 0; k * dt < 6; k++) {
+        in.count[0].raw = t->zero_cnt + (int32_t)floor(q / per_count);
+        in.q_ref[0].raw = Q(0.2 * sin(w * k * dt), 24);
+        ck_assert_int_eq(tick(), HDT_OK);
+        ck_assert_uint_eq(out.fault, 0);
+        if (k * dt > 2) {
+            const double seen = D(out.v_obs[0].raw, 24), f = D(out.term[HDT_TERM_FRICTION][0].raw, 16);
+            worst = fmax(worst, fabs(seen - v));
+            fastest = fmax(fastest, fabs(v));
+            if (fabs(seen) > 0.15) /* beyond any ramp */
+                ck_assert_double_eq_tol(f, seen > 0 ? 3 : -3, 1e-3);
+        }
+        /* what it feeds forward for friction the arm does have */
+        const double push = out.digit[0].raw * 0.05 - 1 - D(out.term[HDT_TERM_FRICTION][0].raw, 16);
+        q += v * dt + push / 2 * dt * dt / 2;
+        v += push / 2 * dt;
+    }
+    ck_assert_double_gt(fastest, 1);
+    ck_assert_double_lt(worst, 0.02 * fastest);
+}
+END_TEST
+
 START_TEST(test_velocity_mode_adds_four_per_second_of_position_error)
 {
     plain(2);
@@ -631,6 +677,7 @@ static Suite *core_suite(void)
     tcase_add_test(c, test_first_count_however_far_is_no_speed);
     tcase_add_test(c, test_late_host_does_not_look_like_speed);
     tcase_add_test(c, test_lost_telegrams_do_not_look_like_speed);
+    tcase_add_test(c, test_observer_knows_what_its_torque_does);
     tcase_add_test(c, test_velocity_mode_adds_four_per_second_of_position_error);
     tcase_add_test(c, test_error_leaves_state_alone_and_output_zero);
     tcase_add_test(c, test_refused_tables_leave_a_core_that_refuses);
