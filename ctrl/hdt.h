@@ -83,6 +83,7 @@ struct hdt_out {
     uint32_t limit[HDT_JOINTS_MAX];         /* enum hdt_limit */
     hdt_rad_t q[HDT_JOINTS_MAX];            /* measured, from counts */
     hdt_radps_t v[HDT_JOINTS_MAX];          /* measured, filtered */
+    hdt_radps_t v_obs[HDT_JOINTS_MAX];      /* observed, zero where no observer runs */
     hdt_nm_t term[HDT_TERMS][HDT_JOINTS_MAX];
     hdt_nm_t total[HDT_JOINTS_MAX];         /* sum of terms, before the gate */
 };
@@ -91,6 +92,13 @@ struct hdt_out {
 struct hdt_vel {
     int32_t x_q24[2], y_q24[2];             /* rad/s: past inputs and outputs, newest first */
     int32_t rest;                           /* rounding rest fed into the next output, q52  */
+};
+
+/* Velocity observer of one joint: angle, velocity and what the model does not know of acceleration. */
+struct hdt_obs {
+    int64_t q_q40, v_q40;                   /* rad, rad/s */
+    int64_t d_q32;                          /* rad/s^2 beyond the model's */
+    int32_t a_q16;                          /* rad/s^2 of the model, from the last period's torque */
 };
 
 /* What the gate remembers. */
@@ -108,12 +116,15 @@ typedef struct {
     uint64_t second_us;                     /* host time not yet counted in cold_q30 */
     uint32_t steps;
     uint32_t seen;                          /* bit per joint: a count has arrived */
+    uint32_t observed;                      /* bit per joint: its observer has started */
     uint32_t terms;                         /* terms any joint uses */
     struct hdt_gate gate;
     struct hdt_vel vel[HDT_JOINTS_MAX];
+    struct hdt_obs obs[HDT_JOINTS_MAX];
     int32_t count[HDT_JOINTS_MAX];          /* last count */
     uint64_t count_us[HDT_JOINTS_MAX];      /* and its time */
     int32_t dir[HDT_JOINTS_MAX];            /* sign of the last motion of the reference: -1 0 +1 */
+    int32_t wound_q30[HDT_JOINTS_MAX];      /* wind-up of the reference's travel, -1..1 */
     int64_t travel_q40[HDT_JOINTS_MAX];     /* rad since the last reversal of the reference */
     int32_t cold_q30[HDT_JOINTS_MAX];       /* share of the cold excess still there */
 } hdt_t;

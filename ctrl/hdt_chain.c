@@ -2,177 +2,207 @@
 /*
  * Gravity and inertia of the chain in fixed point.
  *
- * Owns: formats and bit growth of the recursions.  A vector is three int64 whose values stay below
- * 2^31, so that a product of two is below 2^62 and a difference of two products below 2^63.
+ * Owns: formats and bit growth of the recursions:
+ *     g m/s^2 q24, h kg.m q20;  w rad/s q24, dw and U rad/s^2 q20, a m/s^2 q20, f N q16, n N.m q16.
+ * A vector turned stays below 2^33 (chain_moves in hdt_tables.c), sine and cosine are q30, so a sum
+ * of two products stays below 2^63.
  * Never: keeps state, divides.
  */
 #include "ctrl/hdt_chain.h"
 
-/* out := Rz(q)^T rot^T v: from the previous link's axes to this link's.
- * |v| < 2^31 as a vector and a rotation: each sum below 2^61 */
-static void to_link(const int32_t rot[9], const struct hdt_motion *m, const int64_t v[3], int64_t out[3])
+struct vec { int64_t x, y, z; };
+
+/* a * b + c * d and a * b - c * d, over 2^n */
+static inline int64_t add(int64_t a, int64_t b, int64_t c, int64_t d, unsigned n)
 {
-    const int64_t x = hdt_shr(rot[0] * v[0] + rot[3] * v[1] + rot[6] * v[2], 30);
-    const int64_t y = hdt_shr(rot[1] * v[0] + rot[4] * v[1] + rot[7] * v[2], 30);
-    out[2] = hdt_shr(rot[2] * v[0] + rot[5] * v[1] + rot[8] * v[2], 30);
-    out[0] = hdt_shr(m->cos_q30 * x + m->sin_q30 * y, 30);
-    out[1] = hdt_shr(m->cos_q30 * y - m->sin_q30 * x, 30);
+    return hdt_shr(a * b + c * d, n);
 }
 
-/* out := rot Rz(q) v: from this link's axes to the previous link's. */
-static void from_link(const int32_t rot[9], const struct hdt_motion *m, const int64_t v[3], int64_t out[3])
+static inline int64_t sub(int64_t a, int64_t b, int64_t c, int64_t d, unsigned n)
 {
-    const int64_t x = hdt_shr(m->cos_q30 * v[0] - m->sin_q30 * v[1], 30);
-    const int64_t y = hdt_shr(m->sin_q30 * v[0] + m->cos_q30 * v[1], 30);
-    out[0] = hdt_shr(rot[0] * x + rot[1] * y + rot[2] * v[2], 30);
-    out[1] = hdt_shr(rot[3] * x + rot[4] * y + rot[5] * v[2], 30);
-    out[2] = hdt_shr(rot[6] * x + rot[7] * y + rot[8] * v[2], 30);
+    return hdt_shr(a * b - c * d, n);
 }
+
+/* v := Rz^T Rx^T v, from the previous link's axes to this link's; right: the twist is a quarter turn. */
+static inline void turn_in(const struct hdt_joint_tab *tab, const struct hdt_motion *m, struct vec *v)
+{
+    const int right = (tab->chain & HDT_CHAIN_RIGHT) != 0;
+    const int64_t c = m->cos_q30, s = m->sin_q30, x = v->x;
+    const int64_t y = right ? v->z : add(tab->twist_cos_q30, v->y, tab->twist_sin_q30, v->z, 30);
+
+    v->z = right ? -v->y : sub(tab->twist_cos_q30, v->z, tab->twist_sin_q30, v->y, 30);
+    v->x = add(c, x, s, y, 30);
+    v->y = sub(c, y, s, x, 30);
+}
+
+/* v := Rx Rz v, from this link's axes to the previous link's. */
+static inline void turn_out(const struct hdt_joint_tab *tab, const struct hdt_motion *m, struct vec *v)
+{
+    const int right = (tab->chain & HDT_CHAIN_RIGHT) != 0;
+    const int64_t c = m->cos_q30, s = m->sin_q30, z = v->z;
+    const int64_t x = sub(c, v->x, s, v->y, 30), y = add(s, v->x, c, v->y, 30);
+
+    v->x = x;
+    v->y = right ? -z : sub(tab->twist_cos_q30, y, tab->twist_sin_q30, z, 30);
+    v->z = right ? y : add(tab->twist_sin_q30, y, tab->twist_cos_q30, z, 30);
+}
+
+/* ---- gravity ---- */
 
 void hdt_chain_gravity(const struct hdt_tables *t, const struct hdt_motion m[], int32_t tau_q16[])
 {
-    int64_t g[HDT_JOINTS_MAX + 1][3]; /* m/s^2 q24; [0] base, [j+1] link j */
-    int64_t h[3] = {0, 0, 0};         /* kg.m q20, of the links after j, in the axes of link j */
+    int64_t gx[HDT_JOINTS_MAX], gy[HDT_JOINTS_MAX];
+    struct vec g = {t->gravity_q24[0], t->gravity_q24[1], t->gravity_q24[2]}, h = {0, 0, 0};
 
     /* gravity out to the links */
-    for (int i = 0; i < 3; i++)
-        g[0][i] = t->gravity_q24[i];
-    for (uint32_t j = 0; j < t->joints; j++)
-        to_link(t->joint[j].rot_q30, &m[j], g[j], g[j + 1]);
+    for (uint32_t j = 0; j < t->joints; j++) {
+        const struct hdt_joint_tab *tab = &t->joint[j];
+        turn_in(tab, &m[j], &g);
+        gx[j] = g.x;
+        gy[j] = g.y;
+    }
 
-    /* first moments back to the base; 2 * 2^31 * 2^30, q20 * q24 = q44 -> q16 */
+    /* first moments back to the base; q20 * q24 = q44 -> q16 */
     for (uint32_t j = t->joints; j-- > 0;) {
         const struct hdt_joint_tab *tab = &t->joint[j];
-        for (int i = 0; i < 3; i++)
-            h[i] += tab->hold_moment_q20[i];
-        tau_q16[j] = hdt_sat(hdt_shr(h[1] * g[j + 1][0] - h[0] * g[j + 1][1], 28));
-        from_link(tab->rot_q30, &m[j], h, h);
+        h.x += tab->moment_q20[0];
+        h.y += tab->moment_q20[1];
+        tau_q16[j] = (int32_t)sub(h.y, gx[j], h.x, gy[j], 28);
+        turn_out(tab, &m[j], &h);
     }
 }
 
-static void clamp(int64_t v[3])
-{
-    for (int i = 0; i < 3; i++)
-        v[i] = hdt_sat(v[i]);
-}
-
-/* out := a x b / 2^n; |a|, |b| < 2^31.  out may not be a or b. */
-static void cross(const int64_t a[3], const int64_t b[3], unsigned n, int64_t out[3])
-{
-    out[0] = hdt_shr(a[1] * b[2] - a[2] * b[1], n);
-    out[1] = hdt_shr(a[2] * b[0] - a[0] * b[2], n);
-    out[2] = hdt_shr(a[0] * b[1] - a[1] * b[0], n);
-}
-
-/* out := inertia v / 2^24; |inertia| < 2^29 (hdt_tables_check), so each sum is below 2^62 */
-static void inertia_times(const int32_t i[6], const int64_t v[3], int64_t out[3])
-{
-    out[0] = hdt_shr(i[0] * v[0] + i[1] * v[1] + i[2] * v[2], 24);
-    out[1] = hdt_shr(i[1] * v[0] + i[3] * v[1] + i[4] * v[2], 24);
-    out[2] = hdt_shr(i[2] * v[0] + i[4] * v[1] + i[5] * v[2], 24);
-}
-
-static void widen(const int32_t in[3], int64_t out[3])
-{
-    for (int i = 0; i < 3; i++)
-        out[i] = in[i];
-}
+/* ---- inertia ---- */
 
 /* Motion of one link, in its own axes. */
 struct link_motion {
-    int64_t w[3];  /* rad/s q24                      */
-    int64_t dw[3]; /* rad/s^2 q20                    */
-    int64_t a[3];  /* m/s^2 q20, of the joint origin */
+    struct vec w, dw; /* rad/s q24, rad/s^2 q20          */
+    struct vec a;     /* m/s^2 q20, of the link's origin */
+    /* columns x and y of U, rad/s^2 q20; moments and steps have no z */
+    struct vec ux, uy;
 };
 
-/* Force N q16 and moment about the joint origin N.m q16 that a link's motion takes. */
-static void link_wrench(const struct hdt_joint_tab *tab, const struct link_motion *k, int64_t f[3],
-                        int64_t n[3])
+/* Force and moment about its origin that a link's motion takes. */
+struct wrench { struct vec f, n; };
+
+/* The columns of U: w w^T - |w|^2 + [dw]x. */
+static inline void columns(struct link_motion *k)
 {
-    int64_t s[3], u[3], part[3];
-    widen(tab->moment_q20, s);
+    const int64_t x = k->w.x, y = k->w.y, z = k->w.z, xy = hdt_shr(x * y, 28), zz = z * z;
 
-    /* f = m a + dw x s + w x (w x s);  q20 * q20 -> q16, q24 * q20 -> q20, q24 * q20 -> q16 */
-    cross(k->w, s, 24, u);
-    clamp(u);
-    cross(k->w, u, 28, f);
-    cross(k->dw, s, 24, part);
-    for (int i = 0; i < 3; i++)
-        f[i] += part[i] + hdt_shr(tab->mass_q20 * k->a[i], 24);
-
-    /* n = I dw + w x (I w) + s x a */
-    inertia_times(tab->inertia_q20, k->w, u);
-    clamp(u);
-    cross(k->w, u, 28, n);
-    cross(s, k->a, 24, part);
-    for (int i = 0; i < 3; i++)
-        n[i] += part[i];
-    inertia_times(tab->inertia_q20, k->dw, part);
-    for (int i = 0; i < 3; i++)
-        n[i] += part[i];
+    k->ux.x = -hdt_shr(y * y + zz, 28);
+    k->ux.y = xy + k->dw.z;
+    k->ux.z = hdt_shr(x * z, 28) - k->dw.y;
+    k->uy.x = xy - k->dw.z;
+    k->uy.y = -hdt_shr(x * x + zz, 28);
+    k->uy.z = hdt_shr(y * z, 28) + k->dw.x;
 }
 
 /* Motion of the previous link to motion of this one. */
-static void next_link(const struct hdt_joint_tab *tab, const struct hdt_motion *m, struct link_motion *k)
+static inline void next_link(const struct hdt_joint_tab *tab, const struct hdt_motion *m, struct link_motion *k)
 {
-    int64_t p[3], u[3], part[3];
-    widen(tab->trans_q24, p);
+    const int64_t v = m->v_ref_q24;
 
-    /* the joint origin: a + dw x p + w x (w x p), in the previous axes */
-    cross(k->w, p, 28, u);
-    clamp(u);
-    cross(k->w, u, 24, part);
-    for (int i = 0; i < 3; i++)
-        k->a[i] += part[i];
-    cross(k->dw, p, 24, part);
-    for (int i = 0; i < 3; i++)
-        k->a[i] += part[i];
-    clamp(k->a);
-    to_link(tab->rot_q30, m, k->a, k->a);
-    to_link(tab->rot_q30, m, k->w, k->w);
-    to_link(tab->rot_q30, m, k->dw, k->dw);
-    clamp(k->w);
+    if (tab->chain & HDT_CHAIN_FAR) {
+        if (tab->chain & HDT_CHAIN_STEP) {
+            const int64_t px = tab->step_q24[0], py = tab->step_q24[1];
+            k->a.x += add(k->ux.x, px, k->uy.x, py, 24);
+            k->a.y += add(k->ux.y, px, k->uy.y, py, 24);
+            k->a.z += add(k->ux.z, px, k->uy.z, py, 24);
+        }
+        turn_in(tab, m, &k->a);
+    }
+    turn_in(tab, m, &k->w);
+    turn_in(tab, m, &k->dw);
 
-    /* the joint's own turning: w += z v, dw += z a + w x z v */
-    k->dw[0] += hdt_shr(k->w[1] * m->v_ref_q24, 28);
-    k->dw[1] -= hdt_shr(k->w[0] * m->v_ref_q24, 28);
-    k->dw[2] += (int64_t)m->a_ref_q16 * 16;
-    k->w[2] += m->v_ref_q24;
-    clamp(k->w);
-    clamp(k->dw);
-    clamp(k->a);
+    /* the joint's own turning: w += z v, dw += z a + w x z v;  q24 * q24 -> q20 */
+    k->dw.x += hdt_shr(k->w.y * v, 28);
+    k->dw.y -= hdt_shr(k->w.x * v, 28);
+    k->dw.z += m->a_ref_q16 * (int64_t)16;
+    k->w.z += v;
+    columns(k);
+}
+
+/* What products of inertia add to the moment, q40. */
+static void skew_moment(const struct hdt_joint_tab *tab, const struct link_motion *k, struct vec *n)
+{
+    const int64_t xy = tab->second_q20[1], xz = tab->second_q20[2], yz = tab->second_q20[4];
+    const int64_t uxz = hdt_shr(k->w.x * k->w.z, 28) + k->dw.y, uyz = hdt_shr(k->w.y * k->w.z, 28) - k->dw.x;
+    const int64_t uzz = -hdt_shr(k->w.x * k->w.x + k->w.y * k->w.y, 28);
+
+    n->x += k->ux.z * xy + uzz * yz - k->ux.y * xz - k->uy.y * yz;
+    n->y += k->ux.x * xz + k->uy.x * yz - k->uy.z * xy - uzz * xz;
+    n->z += k->uy.y * xy + uyz * xz - k->ux.x * xy - uxz * yz;
+}
+
+/* q20 * q20 -> q16 */
+static inline void link_wrench(const struct hdt_joint_tab *tab, const struct link_motion *k, struct wrench *out)
+{
+    const int64_t sx = tab->moment_q20[0], sy = tab->moment_q20[1];
+    const int64_t xx = tab->second_q20[0], yy = tab->second_q20[3];
+    struct vec n = {k->uy.z * yy, -(k->ux.z * xx), k->ux.y * xx - k->uy.x * yy};
+
+    if (tab->chain & HDT_CHAIN_SKEW)
+        skew_moment(tab, k, &n);
+    if (tab->chain & HDT_CHAIN_FAR) {
+        out->f.x = add(k->ux.x, sx, k->uy.x, sy, 24);
+        out->f.y = add(k->ux.y, sx, k->uy.y, sy, 24);
+        out->f.z = add(k->ux.z, sx, k->uy.z, sy, 24);
+        n.x += sy * k->a.z;
+        n.y -= sx * k->a.z;
+        n.z += sx * k->a.y - sy * k->a.x;
+    }
+    out->n.x = hdt_shr(n.x, 24);
+    out->n.y = hdt_shr(n.y, 24);
+    out->n.z = hdt_shr(n.z, 24);
+}
+
+/* Wrench of this and all later links to the axes and origin of the link before. */
+static inline void previous_link(const struct hdt_joint_tab *tab, const struct hdt_motion *m, struct vec *f,
+                                 struct vec *n)
+{
+    turn_out(tab, m, n);
+    if (tab->chain & HDT_CHAIN_FAR)
+        turn_out(tab, m, f);
+    if (tab->chain & HDT_CHAIN_STEP) {
+        const int64_t px = tab->step_q24[0], py = tab->step_q24[1];
+        n->x += hdt_shr(py * f->z, 24);
+        n->y -= hdt_shr(px * f->z, 24);
+        n->z += sub(px, f->y, py, f->x, 24);
+    }
 }
 
 void hdt_chain_inertia(const struct hdt_tables *t, const struct hdt_motion m[], int32_t tau_q16[])
 {
-    int64_t f[HDT_JOINTS_MAX][3], n[HDT_JOINTS_MAX][3];
-    int64_t fs[3] = {0, 0, 0}, ns[3] = {0, 0, 0}; /* of all links from j on, about joint j */
-    struct link_motion k = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+    struct wrench link[HDT_JOINTS_MAX];
+    struct vec f = {0, 0, 0}, n = {0, 0, 0}; /* of all links from j on, about the origin of j */
+
+    /* the first link only turns about its own axis */
+    struct link_motion k = {{0, 0, m[0].v_ref_q24}, {0, 0, m[0].a_ref_q16 * (int64_t)16}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+    columns(&k);
 
     /* motion out to the links */
-    for (uint32_t j = 0; j < t->joints; j++) {
+    for (uint32_t j = 1; j < t->joints; j++) {
         next_link(&t->joint[j], &m[j], &k);
-        link_wrench(&t->joint[j], &k, f[j], n[j]);
+        link_wrench(&t->joint[j], &k, &link[j]);
     }
 
     /* force and moment back to the base */
-    for (uint32_t j = t->joints; j-- > 0;) {
-        int64_t p[3], part[3];
-        for (int i = 0; i < 3; i++) {
-            fs[i] += f[j][i];
-            ns[i] += n[j][i];
+    for (uint32_t j = t->joints; j-- > 1;) {
+        const struct hdt_joint_tab *tab = &t->joint[j];
+        n.x += link[j].n.x;
+        n.y += link[j].n.y;
+        n.z += link[j].n.z;
+        tau_q16[j] = hdt_sat(n.z);
+        if (tab->chain & HDT_CHAIN_FAR) {
+            f.x += link[j].f.x;
+            f.y += link[j].f.y;
+            f.z += link[j].f.z;
         }
-        clamp(fs);
-        clamp(ns);
-        tau_q16[j] = (int32_t)ns[2];
-
-        /* to the previous link's axes and origin */
-        widen(t->joint[j].trans_q24, p);
-        from_link(t->joint[j].rot_q30, &m[j], fs, fs);
-        from_link(t->joint[j].rot_q30, &m[j], ns, ns);
-        clamp(fs);
-        cross(p, fs, 24, part);
-        for (int i = 0; i < 3; i++)
-            ns[i] += part[i];
+        previous_link(tab, &m[j], &f, &n);
     }
+
+    /* q16 * q20 -> q16 */
+    const int64_t polar_q20 = (int64_t)t->joint[0].second_q20[0] + t->joint[0].second_q20[3];
+    tau_q16[0] = hdt_sat(n.z + hdt_shr(m[0].a_ref_q16 * polar_q20, 20));
 }

@@ -1,83 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Terms of one joint in fixed point; what they mean is in hdt_comp.h.
+ * The effects of one joint in fixed point; what they mean is in hdt_comp.h.
  *
- * Owns: formats and bit growth of each term.
+ * Owns: formats and bit growth of each.
  * Never: divides, branches on more than a sign, keeps state.
  */
 #include "ctrl/hdt_comp.h"
-
-/* a - b, clamped */
-static int32_t difference(int32_t a, int32_t b)
-{
-    return hdt_sat((int64_t)a - b);
-}
-
-int32_t hdt_comp_turned(const struct hdt_joint_tab *j, int32_t count)
-{
-    const int64_t turned = (int64_t)count - j->zero_cnt;
-    return hdt_sat(j->sign < 0 ? -turned : turned);
-}
-
-int32_t hdt_comp_angle_q24(const struct hdt_joint_tab *j, int32_t turned)
-{
-    /* below 2^31 * 2^32 = 2^63, q44 -> q24 */
-    return hdt_sat(hdt_shr((int64_t)turned * j->rad_per_count_q44, 20));
-}
-
-hdt_phase_t hdt_comp_phase(uint64_t phase_per_count_q24, int32_t turned)
-{
-    /* whole turns are bits 56 and up: wrapping modulo 2^64 drops nothing else */
-    const hdt_phase_t p = {(uint32_t)(((uint64_t)(int64_t)turned * phase_per_count_q24) >> 24)};
-    return p;
-}
-
-int32_t hdt_comp_direction_q30(const struct hdt_joint_tab *j, int32_t v_ref_q24)
-{
-    /* q24 * q16 = q40 -> q30 */
-    const int64_t one = (int64_t)1 << 30;
-    return (int32_t)hdt_clamp(hdt_shr((int64_t)v_ref_q24 * j->v_ramp_inv_q16, 10), -one, one);
-}
-
-int32_t hdt_comp_friction(const struct hdt_joint_tab *j, const struct hdt_motion *m)
-{
-    const int32_t *knot = j->friction_q16[m->dir_q30 < 0];
-    const int32_t speed_q24 = hdt_abs(m->v_ref_q24);
-    const uint32_t shift = j->friction_shift;
-
-    /* the last interval also serves every higher speed */
-    const uint32_t at = (uint32_t)speed_q24 >> shift;
-    const uint32_t k = at < HDT_FRICTION_KNOTS - 1 ? at : HDT_FRICTION_KNOTS - 2;
-    const int64_t past = speed_q24 - ((int64_t)k << shift);
-
-    /* knots below 2^30, so 2^31 * 2^31 */
-    const int64_t rise = hdt_shr(((int64_t)knot[k + 1] - knot[k]) * past, shift);
-    return hdt_mul(hdt_sat(knot[k] + rise), m->dir_q30, 30);
-}
-
-int32_t hdt_comp_ripple(const struct hdt_joint_tab *j, const struct hdt_motion *m)
-{
-    /* two's complement modulo a turn is right for negative counts too */
-    const uint32_t phase = (uint32_t)m->turned & (HDT_COUNTS_PER_REV - 1u);
-    const uint32_t k = phase >> 4;
-    const int32_t part = (int32_t)(phase & 15u);
-
-    /* q8, 16 steps a knot: q12, exact */
-    const int32_t here = j->ripple_q8[k];
-    const int32_t next = j->ripple_q8[(k + 1u) & (HDT_RIPPLE_KNOTS - 1u)];
-    const int32_t value_q12 = here * 16 + (next - here) * part;
-    return hdt_mul(value_q12, m->dir_q30, 26);
-}
-
-int32_t hdt_comp_stiffness(const struct hdt_joint_tab *j, const struct hdt_motion *m, int32_t load_q16)
-{
-    const struct hdt_stiffness_tab *s = &j->stiffness[m->dir_q30 < 0];
-    const int line = (load_q16 >= s->t1_q16) + (load_q16 > s->t2_q16);
-
-    /* q24 * q16 = q40 -> q16; then the share of a full direction */
-    const int64_t value = s->intercept_q16[line] + hdt_shr((int64_t)s->slope_q24[line] * load_q16, 24);
-    return hdt_mul(hdt_sat(value), hdt_abs(m->dir_q30), 30);
-}
 
 int32_t hdt_comp_lines(const struct hdt_joint_tab *j, const struct hdt_motion *m)
 {
@@ -102,7 +30,7 @@ int32_t hdt_comp_load(const struct hdt_joint_tab *j, const struct hdt_motion *m,
 int32_t hdt_comp_temperature(const struct hdt_joint_tab *j, const struct hdt_motion *m)
 {
     const int64_t coulomb = hdt_mul(j->cold_coulomb_q16, m->dir_q30, 30);
-    const int64_t viscous = hdt_mul(j->cold_viscous_q16, m->v_ref_q24, 24);
+    const int64_t viscous = hdt_mul(j->cold_viscous_q16, m->v_fric_q24, 24);
     return hdt_mul(hdt_sat(coulomb + viscous), m->cold_q30, 30);
 }
 
@@ -117,15 +45,44 @@ int32_t hdt_comp_presliding(const struct hdt_joint_tab *j, const struct hdt_moti
 
 int32_t hdt_comp_spring(const struct hdt_joint_tab *j, const struct hdt_motion *m)
 {
-    return hdt_mul(j->spring_q16, difference(m->q_q24, j->spring_q0_q24), 24);
+    /* 2^31 * 2^32 would not fit */
+    const int32_t wound_q24 = hdt_sat((int64_t)m->q_q24 - j->spring_q0_q24);
+    return (int32_t)hdt_clamp(hdt_shr((int64_t)j->spring_q16 * wound_q24, 24), -HDT_SPRING_MAX_Q16, HDT_SPRING_MAX_Q16);
 }
 
-int32_t hdt_comp_p(const struct hdt_joint_tab *j, const struct hdt_motion *m)
+int32_t hdt_comp_hysteresis(const struct hdt_joint_tab *j, const struct hdt_motion *m, int32_t load_q16)
 {
-    return hdt_mul(j->kp_q16, difference(m->q_ref_q24, m->q_q24), 24);
+    /* lines below 2^31, so 2^32 * 2^30 */
+    const int64_t up = hdt_comp_windup(&j->stiffness[0], load_q16);
+    const int64_t down = hdt_comp_windup(&j->stiffness[1], load_q16);
+    return hdt_sat(hdt_shr(up + down + hdt_shr((up - down) * m->wound_q30, 30), 1));
 }
 
-int32_t hdt_comp_d(const struct hdt_joint_tab *j, const struct hdt_motion *m)
+/* Overflow: values are below 2^15 (q8), so 2^16 * 2^31 at most. */
+static int64_t curve_q16(const struct hdt_curve_tab *c, int32_t x)
 {
-    return hdt_mul(j->kd_q16, difference(m->v_ref_q24, m->v_q24), 24);
+    const int64_t last = (int64_t)(HDT_CURVE_KNOTS - 1) << c->shift;
+    const int64_t past = hdt_clamp((int64_t)x - c->start, 0, last);
+    const int64_t at = past >> c->shift, k = at < HDT_CURVE_KNOTS - 1 ? at : HDT_CURVE_KNOTS - 2;
+    const int64_t part = past - (k << c->shift);
+    const int64_t here = c->value_q8[k] * (int64_t)256, next = c->value_q8[k + 1] * (int64_t)256;
+    return here + hdt_shr((next - here) * part, c->shift);
+}
+
+int32_t hdt_comp_local(const struct hdt_joint_tab *j, const struct hdt_motion *m)
+{
+    return (int32_t)hdt_shr(curve_q16(&j->local[m->dir_q30 < 0], m->q_q24) * m->dir_q30, 30);
+}
+
+int32_t hdt_comp_table(const struct hdt_joint_tab *j, const struct hdt_motion *m, int32_t load_q16)
+{
+    int32_t x = m->q_q24;
+    if (j->axis == HDT_AXIS_LOAD)
+        x = load_q16;
+    else if (j->axis == HDT_AXIS_PHASE)
+        x = (int32_t)((uint32_t)m->turned & (HDT_COUNTS_PER_REV - 1u));
+    else if (j->axis == HDT_AXIS_SPEED)
+        x = hdt_abs(m->v_fric_q24);
+    const int64_t value = curve_q16(&j->table, x);
+    return (int32_t)(j->directed ? hdt_shr(value * m->dir_q30, 30) : value);
 }

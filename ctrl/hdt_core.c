@@ -13,8 +13,14 @@
 #define USE(term) (1u << (term))
 
 /* wind-up and load friction need the holding torque whether or not it is itself commanded */
-#define NEED_GRAVITY (USE(HDT_TERM_GRAVITY) | USE(HDT_TERM_STIFFNESS) | USE(HDT_TERM_LOAD))
+#define NEED_GRAVITY \
+    (USE(HDT_TERM_GRAVITY) | USE(HDT_TERM_STIFFNESS) | USE(HDT_TERM_LOAD) | USE(HDT_TERM_TABLE))
 #define NEED_ANGLES (NEED_GRAVITY | USE(HDT_TERM_INERTIA))
+
+/* terms an ideal joint has none of; one branch where none is used */
+#define EFFECTS \
+    (USE(HDT_TERM_LINES) | USE(HDT_TERM_LOAD) | USE(HDT_TERM_TEMPERATURE) | USE(HDT_TERM_PRESLIDING) | \
+     USE(HDT_TERM_SPRING) | USE(HDT_TERM_OFFSET) | USE(HDT_TERM_LOCAL) | USE(HDT_TERM_TABLE))
 
 /* velocity mode: speed added per position error, 1/s */
 #define VELOCITY_KPOS 4
@@ -72,29 +78,47 @@ static int32_t cold_share(const hdt_t *h, uint32_t j)
     return (int32_t)(h->cold_q30[j] - hdt_shr(drop_q30 * part_q30, 30));
 }
 
+/* A time between two counts and what it makes of a count; the joints of an arm mostly share it. */
+struct pace {
+    uint64_t now_us, longest_us;  /* time of these counts; gaps beyond the longest are not spanned */
+    uint64_t gap_us;
+    uint32_t shortest_us, rate_q16;
+};
+
+static struct pace pace_of(const struct hdt_tables *t, const struct hdt_in *in)
+{
+    const uint32_t period_us = t->period_ns / 1000u, quarter_us = period_us / 4u;
+    struct pace p;
+    p.now_us = in->count_us != 0 ? in->count_us : in->t_us;
+    p.longest_us = ((uint64_t)period_us * (2 * HDT_VEL_GAP_MAX + 1)) / 2;
+    p.shortest_us = quarter_us > 16u ? quarter_us : 16u;
+    p.gap_us = 0;
+    p.rate_q16 = 0;
+    return p;
+}
+
 /* Newest count to filtered velocity.  Without a new count the last difference is held. */
-static int32_t measure_velocity(hdt_t *h, const struct hdt_in *in, uint32_t j, uint32_t period_us)
+static inline int32_t measure_velocity(hdt_t *h, const struct hdt_in *in, uint32_t j, struct pace *p)
 {
     const struct hdt_tables *t = h->tables;
-    const uint64_t now_us = in->count_us != 0 ? in->count_us : in->t_us;
     struct hdt_vel *vel = &h->vel[j];
-    const uint32_t bit = (uint32_t)1 << j;
     int32_t x_q24 = vel->x_q24[0];
 
-    if (in->fresh & bit) {
+    if (in->fresh >> j & 1u) {
         /* a late host makes a long difference; it must not look like a fast arm */
-        const uint64_t gap_us = now_us - h->count_us[j];
-        if ((h->seen & bit) && now_us > h->count_us[j]
-            && 2 * gap_us <= (uint64_t)period_us * (2 * HDT_VEL_GAP_MAX + 1)) {
-            const uint32_t shortest = period_us / 4u > 16u ? period_us / 4u : 16u;
-            const uint32_t rate_q16 = hdt_vel_rate_q16(gap_us > shortest ? (uint32_t)gap_us : shortest);
-            const int64_t per_count = hdt_vel_per_count_q32(t->joint[j].rad_per_count_q44, rate_q16);
+        const uint64_t gap_us = p->now_us - h->count_us[j];
+        if ((h->seen >> j & 1u) && gap_us - 1u < p->longest_us) {
+            if (gap_us != p->gap_us) {
+                p->gap_us = gap_us;
+                p->rate_q16 = hdt_vel_rate_q16(gap_us > p->shortest_us ? (uint32_t)gap_us : p->shortest_us);
+            }
+            const int64_t per_count = hdt_vel_per_count_q32(t->joint[j].rad_per_count_q44, p->rate_q16);
             x_q24 = hdt_vel_difference(in->count[j].raw, h->count[j], per_count);
             x_q24 = t->joint[j].sign < 0 ? -x_q24 : x_q24;
         }
         h->count[j] = in->count[j].raw;
-        h->count_us[j] = now_us;
-        h->seen |= bit;
+        h->count_us[j] = p->now_us;
+        h->seen |= (uint32_t)1 << j;
     }
     return hdt_vel_filter(vel, t->biquad_q28, x_q24);
 }
@@ -116,62 +140,149 @@ static int64_t pass_travel(hdt_t *h, uint32_t j, int32_t v_ref_q24, uint32_t per
     return travel;
 }
 
-static void measure(hdt_t *h, const struct hdt_in *in, struct hdt_motion m[], struct hdt_out *out)
+/* Wind-up follows the reference's travel and stops at either direction's torque. */
+static int32_t pass_windup(hdt_t *h, uint32_t j, int32_t v_ref_q24, uint32_t period_q32)
+{
+    /* q24 * q32 = q56 -> rad q30, at most 2 rad a period; q30 * q8 -> q30 */
+    const int64_t one = (int64_t)1 << 30;
+    const int64_t step = hdt_clamp(hdt_shr((int64_t)v_ref_q24 * period_q32, 26), -2 * one, 2 * one);
+    const int64_t wound = h->wound_q30[j] + hdt_shr(step * h->tables->joint[j].windup_inv_q8, 8);
+    h->wound_q30[j] = (int32_t)hdt_clamp(wound, -one, one);
+    return h->wound_q30[j];
+}
+
+/* Observed velocity, and the uses the tables give it. */
+static void observe(hdt_t *h, const struct hdt_in *in, uint32_t j, uint32_t period_q32, struct hdt_motion *k, struct hdt_out *out)
 {
     const struct hdt_tables *t = h->tables;
-    /* ns to s q32: 2^62 / 1e9 = 4611686018 */
-    const uint32_t period_q32 = (uint32_t)(((uint64_t)t->period_ns * 4611686018u) >> 30);
+    const struct hdt_joint_tab *tab = &t->joint[j];
+    struct hdt_obs *s = &h->obs[j];
+    /* below 2^63, q44 -> q40; no further than +-128 rad */
+    const int64_t far_q40 = (int64_t)1 << 47;
+    const int64_t q_q40 = hdt_clamp(hdt_shr((int64_t)k->turned * tab->rad_per_count_q44, 4), -far_q40, far_q40);
 
-    const uint32_t period_us = t->period_ns / 1000u;
-
-    for (uint32_t j = 0; j < t->joints; j++) {
-        const struct hdt_joint_tab *tab = &t->joint[j];
-        m[j].v_q24 = measure_velocity(h, in, j, period_us);
-        m[j].turned = hdt_comp_turned(tab, h->count[j]);
-        m[j].q_q24 = hdt_comp_angle_q24(tab, m[j].turned);
-        m[j].q_ref_q24 = in->q_ref[j].raw;
-        m[j].v_ref_q24 = in->v_ref[j].raw;
-        m[j].a_ref_q16 = in->a_ref[j].raw;
-        m[j].dir_q30 = hdt_comp_direction_q30(tab, m[j].v_ref_q24);
-        if (tab->terms & USE(HDT_TERM_PRESLIDING))
-            m[j].travel_q40 = pass_travel(h, j, m[j].v_ref_q24, period_q32);
-        if (tab->terms & USE(HDT_TERM_TEMPERATURE))
-            m[j].cold_q30 = cold_share(h, j);
-        if (h->terms & NEED_ANGLES)
-            hdt_sin_cos(hdt_comp_phase(tab->phase_per_count_q24, m[j].turned), &m[j].sin_q30, &m[j].cos_q30);
-        out->q[j].raw = m[j].q_q24;
-        out->v[j].raw = m[j].v_q24;
+    /* it starts, and starts again after a fault of more than a quarter rad, where the arm is */
+    const int64_t off = q_q40 - s->q_q40, quarter = (int64_t)1 << 38;
+    if (!(h->observed >> j & 1u) || off > quarter || off < -quarter) {
+        h->observed |= h->seen & (uint32_t)1 << j;
+        s->q_q40 = q_q40;
+        s->v_q40 = 0;
+        s->d_q32 = 0;
+    }
+    const int32_t v_q24 = hdt_vel_observe(s, t->observer_gain, q_q40, (int)(in->fresh >> j & 1u), period_q32);
+    out->v_obs[j].raw = v_q24;
+    if (t->observer >> HDT_OBSERVED_FEEDBACK & 1u)
+        k->v_q24 = v_q24;
+    if (t->observer >> HDT_OBSERVED_FRICTION & 1u) {
+        k->v_fric_q24 = (int32_t)hdt_clamp(v_q24, -tab->v_lim_q24, tab->v_lim_q24);
+        k->dir_q30 = hdt_comp_direction_q30(tab, k->v_fric_q24);
     }
 }
 
-/* Every term joint j uses, into out; gravity and inertia of the chain come in. */
-static void joint_terms(const struct hdt_joint_tab *tab, const struct hdt_motion *m, int32_t gravity,
-                        int32_t inertia, uint32_t j, struct hdt_out *out)
+/* What the torque let through will accelerate each joint by, as far as the model knows. */
+static void expect(hdt_t *h, const struct hdt_in *in, const struct hdt_motion m[], const struct hdt_out *out)
 {
-    const uint32_t has = tab->terms;
-    const int32_t spring = has & USE(HDT_TERM_SPRING) ? hdt_comp_spring(tab, m) : 0;
-    const int32_t load = hdt_sat((int64_t)gravity + spring); /* what the gear has to carry */
-    int64_t total = 0;
+    for (uint32_t j = 0; j < h->tables->joints; j++) {
+        const struct hdt_joint_tab *tab = &h->tables->joint[j];
+        const int driven = (int)(in->active >> j & 1u) && out->fault == 0;
+        int64_t a_q16 = 0;
+        if (driven && in->mode == HDT_MODE_VELOCITY) {
+            a_q16 = m[j].a_ref_q16;
+        } else if (driven && in->mode == HDT_MODE_TORQUE) {
+            /* torque not spoken for by the model; q24 -> q16, below 2^38; q16 * q20 -> q16 */
+            const int64_t used_q16 = hdt_shr((int64_t)h->gate.digit[j] * tab->nm_per_digit_q24, 8);
+            const int64_t rest_q16 = used_q16 - out->total[j].raw + out->term[HDT_TERM_P][j].raw + out->term[HDT_TERM_D][j].raw;
+            a_q16 = hdt_shr(hdt_sat(rest_q16) * (int64_t)tab->inertia_inv_q20, 20);
+            a_q16 += tab->terms & USE(HDT_TERM_INERTIA) ? m[j].a_ref_q16 : 0;
+        }
+        h->obs[j].a_q16 = (int32_t)hdt_clamp(a_q16, -((int64_t)1 << 28), (int64_t)1 << 28);
+    }
+}
+
+static void measure(hdt_t *h, const struct hdt_in *in, struct hdt_motion m[], struct hdt_out *out)
+{
+    const struct hdt_tables *t = h->tables;
+    struct pace pace = pace_of(t, in);
+    /* ns to s q32: 2^62 / 1e9 = 4611686018 */
+    const uint32_t period_q32 = (uint32_t)(((uint64_t)t->period_ns * 4611686018u) >> 30);
+
+    for (uint32_t j = 0; j < t->joints; j++) {
+        const struct hdt_joint_tab *tab = &t->joint[j];
+        struct hdt_motion *k = &m[j];
+        k->v_q24 = measure_velocity(h, in, j, &pace);
+        k->turned = hdt_comp_turned(tab, h->count[j]);
+        k->q_q24 = hdt_comp_angle_q24(tab, k->turned);
+        k->q_ref_q24 = in->q_ref[j].raw;
+        k->v_ref_q24 = (int32_t)hdt_clamp(in->v_ref[j].raw, -tab->v_lim_q24, tab->v_lim_q24);
+        k->a_ref_q16 = (int32_t)hdt_clamp(in->a_ref[j].raw, -tab->a_lim_q16, tab->a_lim_q16);
+        k->v_fric_q24 = k->v_ref_q24;
+        k->dir_q30 = hdt_comp_direction_q30(tab, k->v_ref_q24);
+        if (tab->terms & USE(HDT_TERM_PRESLIDING))
+            k->travel_q40 = pass_travel(h, j, k->v_ref_q24, period_q32);
+        if (tab->windup_inv_q8 != 0)
+            k->wound_q30 = pass_windup(h, j, k->v_ref_q24, period_q32);
+        if (tab->terms & USE(HDT_TERM_TEMPERATURE))
+            k->cold_q30 = cold_share(h, j);
+        if (h->terms & NEED_ANGLES) {
+            hdt_phase_t angle = hdt_comp_phase(tab->phase_per_count_q24, k->turned);
+            angle.raw += tab->phase0;
+            hdt_sin_cos(angle, &k->sin_q30, &k->cos_q30);
+        }
+        out->q[j].raw = k->q_q24;
+        out->v[j].raw = k->v_q24;
+        if (t->observer != 0)
+            observe(h, in, j, period_q32, k, out);
+    }
+}
 
 #define TERM(t, value) \
-    if ((has >> (t)) & 1u) \
+    if (has & USE(t)) \
         total += out->term[t][j].raw = (value)
-    TERM(HDT_TERM_GRAVITY, gravity);
-    TERM(HDT_TERM_INERTIA, hdt_sat((int64_t)inertia + hdt_mul(tab->rotor_q20, m->a_ref_q16, 20)));
-    TERM(HDT_TERM_FRICTION, hdt_comp_friction(tab, m));
-    TERM(HDT_TERM_RIPPLE, hdt_comp_ripple(tab, m));
-    TERM(HDT_TERM_STIFFNESS, hdt_comp_stiffness(tab, m, load));
+
+/* The effects joint j uses, into out; their sum. */
+static int64_t effects(const struct hdt_joint_tab *tab, const struct hdt_motion *m, int32_t spring,
+                       int32_t load, uint32_t j, struct hdt_out *out)
+{
+    const uint32_t has = tab->terms;
+    int64_t total = 0;
+
     TERM(HDT_TERM_LINES, hdt_comp_lines(tab, m));
     TERM(HDT_TERM_LOAD, hdt_comp_load(tab, m, load));
     TERM(HDT_TERM_TEMPERATURE, hdt_comp_temperature(tab, m));
     TERM(HDT_TERM_PRESLIDING, hdt_comp_presliding(tab, m));
     TERM(HDT_TERM_SPRING, spring);
     TERM(HDT_TERM_OFFSET, tab->offset_q16);
+    TERM(HDT_TERM_LOCAL, hdt_comp_local(tab, m));
+    TERM(HDT_TERM_TABLE, hdt_comp_table(tab, m, load));
+    return total;
+}
+
+/* Every term joint j uses, into out; gravity and inertia of the chain come in. */
+static inline void joint_terms(const struct hdt_joint_tab *tab, const struct hdt_motion *m, int32_t gravity,
+                               int32_t inertia, uint32_t j, struct hdt_out *out)
+{
+    const uint32_t has = tab->terms;
+    int32_t load = gravity; /* what the gear has to carry */
+    int32_t spring = 0;
+    int64_t total = 0;
+
+    if (has & USE(HDT_TERM_SPRING)) {
+        spring = hdt_comp_spring(tab, m);
+        load = gravity + spring; /* 2^30 + 2^27 */
+    }
+    TERM(HDT_TERM_GRAVITY, gravity);
+    TERM(HDT_TERM_INERTIA, hdt_sat(inertia + hdt_shr((int64_t)tab->rotor_q20 * m->a_ref_q16, 20)));
+    TERM(HDT_TERM_FRICTION, hdt_comp_friction(tab, m));
+    TERM(HDT_TERM_RIPPLE, hdt_comp_ripple(tab, m));
+    TERM(HDT_TERM_STIFFNESS, tab->windup_inv_q8 != 0 ? hdt_comp_hysteresis(tab, m, load) : hdt_comp_stiffness(tab, m, load));
     TERM(HDT_TERM_P, hdt_comp_p(tab, m));
     TERM(HDT_TERM_D, hdt_comp_d(tab, m));
-#undef TERM
+    if (has & EFFECTS)
+        total += effects(tab, m, spring, load, j, out);
     out->total[j].raw = hdt_sat(total);
 }
+
+#undef TERM
 
 static void compensate(const hdt_t *h, const struct hdt_motion m[], struct hdt_out *out)
 {
@@ -184,6 +295,16 @@ static void compensate(const hdt_t *h, const struct hdt_motion m[], struct hdt_o
         hdt_chain_inertia(t, m, inertia);
     for (uint32_t j = 0; j < t->joints; j++)
         joint_terms(&t->joint[j], &m[j], gravity[j], inertia[j], j, out);
+}
+
+/* Speed wanted in velocity mode. */
+static void follow(const struct hdt_tables *t, const struct hdt_in *in, const struct hdt_out *out,
+                   hdt_radps_t v_cmd[])
+{
+    for (uint32_t j = 0; j < t->joints; j++) {
+        const int64_t error_q24 = (int64_t)in->q_ref[j].raw - out->q[j].raw;
+        v_cmd[j].raw = hdt_sat(in->v_ref[j].raw + VELOCITY_KPOS * error_q24);
+    }
 }
 
 int hdt_step(hdt_t *h, const struct hdt_in *in, struct hdt_out *out)
@@ -202,11 +323,11 @@ int hdt_step(hdt_t *h, const struct hdt_in *in, struct hdt_out *out)
     pass_time(h, in->t_us);
     measure(h, in, m, out);
     compensate(h, m, out);
-    for (uint32_t j = 0; j < h->tables->joints; j++) {
-        const int64_t error_q24 = (int64_t)m[j].q_ref_q24 - m[j].q_q24;
-        v_cmd[j].raw = hdt_sat(m[j].v_ref_q24 + VELOCITY_KPOS * error_q24);
-    }
+    if (in->mode == HDT_MODE_VELOCITY)
+        follow(h->tables, in, out, v_cmd);
     hdt_gate_step(&h->gate, h->tables, in, h->seen, v_cmd, out);
+    if (h->tables->observer != 0)
+        expect(h, in, m, out);
     return HDT_OK;
 }
 
@@ -260,6 +381,8 @@ const char *hdt_term_str(int term)
     case HDT_TERM_PRESLIDING: return "presliding";
     case HDT_TERM_SPRING: return "spring";
     case HDT_TERM_OFFSET: return "offset";
+    case HDT_TERM_LOCAL: return "local";
+    case HDT_TERM_TABLE: return "table";
     case HDT_TERM_P: return "p";
     case HDT_TERM_D: return "d";
     default: return "unknown";

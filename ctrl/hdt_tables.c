@@ -27,25 +27,28 @@ static const struct range head_ranges[] = {
     /* a vector turned stays below 2^31 */
     RANGE(hdt_tables, gravity_q24, -(1 << 30), 1 << 30),
     RANGE(hdt_tables, biquad_q28, -(1 << 30), 1 << 30),
+    RANGE(hdt_tables, observer, 0, (1 << HDT_OBSERVED) - 1),
+    RANGE(hdt_tables, observer_gain, 0, 1 << 30),
 };
 
 static const struct range joint_ranges[] = {
     RANGE(hdt_joint_tab, terms, 0, (1 << HDT_TERMS) - 1),
     RANGE(hdt_joint_tab, sign, -1, 1),
     RANGE(hdt_joint_tab, zero_cnt, -NO_LIMIT, NO_LIMIT),
-    RANGE(hdt_joint_tab, rot_q30, -(1 << 30), 1 << 30),
-    RANGE(hdt_joint_tab, trans_q24, -NO_LIMIT, NO_LIMIT),
-    RANGE(hdt_joint_tab, mass_q20, 0, NO_LIMIT),
+    RANGE(hdt_joint_tab, twist_cos_q30, -(1 << 30), 1 << 30),
+    RANGE(hdt_joint_tab, twist_sin_q30, -(1 << 30), 1 << 30),
+    RANGE(hdt_joint_tab, step_q24, -NO_LIMIT, NO_LIMIT),
     RANGE(hdt_joint_tab, moment_q20, -NO_LIMIT, NO_LIMIT),
-    /* a row times a vector stays below 2^62 */
-    RANGE(hdt_joint_tab, inertia_q20, -(1 << 29), 1 << 29),
-    RANGE(hdt_joint_tab, hold_moment_q20, -(1 << 30), 1 << 30),
+    RANGE(hdt_joint_tab, second_q20, -NO_LIMIT, NO_LIMIT),
     RANGE(hdt_joint_tab, rotor_q20, 0, NO_LIMIT),
+    RANGE(hdt_joint_tab, v_lim_q24, 1, 1 << 30),
+    RANGE(hdt_joint_tab, a_lim_q16, 1, 1 << 30),
     RANGE(hdt_joint_tab, v_ramp_inv_q16, 1, NO_LIMIT),
     RANGE(hdt_joint_tab, friction_shift, 1, 23),
     /* a rise times a speed stays below 2^62 */
     RANGE(hdt_joint_tab, friction_q16, -(1 << 30), 1 << 30),
     RANGE(hdt_joint_tab, stiffness, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_joint_tab, windup_inv_q8, 0, NO_LIMIT),
     RANGE(hdt_joint_tab, lines, 0, HDT_LINES_MAX),
     RANGE(hdt_joint_tab, load_mu_q24, 0, NO_LIMIT),
     RANGE(hdt_joint_tab, cold_coulomb_q16, -NO_LIMIT, NO_LIMIT),
@@ -56,8 +59,11 @@ static const struct range joint_ranges[] = {
     RANGE(hdt_joint_tab, spring_q16, -NO_LIMIT, NO_LIMIT),
     RANGE(hdt_joint_tab, spring_q0_q24, -NO_LIMIT, NO_LIMIT),
     RANGE(hdt_joint_tab, offset_q16, -NO_LIMIT, NO_LIMIT),
-    RANGE(hdt_joint_tab, kp_q16, 0, NO_LIMIT),
-    RANGE(hdt_joint_tab, kd_q16, 0, NO_LIMIT),
+    /* times a difference of two int32 */
+    RANGE(hdt_joint_tab, kp_q16, 0, 1 << 30),
+    RANGE(hdt_joint_tab, kd_q16, 0, 1 << 30),
+    RANGE(hdt_joint_tab, inertia_inv_q20, 0, 1 << 30),
+    RANGE(hdt_joint_tab, nm_per_digit_q24, 0, 1 << 30),
     RANGE(hdt_joint_tab, digit_per_nm_q24, 1, NO_LIMIT),
     RANGE(hdt_joint_tab, dig_max, 1, 32767),
     RANGE(hdt_joint_tab, dig_slew, 1, 65535),
@@ -66,11 +72,18 @@ static const struct range joint_ranges[] = {
     RANGE(hdt_joint_tab, q_max_q24, -NO_LIMIT, NO_LIMIT),
     RANGE(hdt_joint_tab, v_max_q24, 1, NO_LIMIT),
     RANGE(hdt_joint_tab, follow_max_q24, 0, NO_LIMIT),
+    RANGE(hdt_joint_tab, axis, 0, HDT_AXES - 1),
+    RANGE(hdt_joint_tab, directed, 0, 1),
 };
 
 static const struct range line_ranges[] = {
     RANGE(hdt_line_tab, amplitude_q16, -NO_LIMIT, NO_LIMIT),
     RANGE(hdt_line_tab, directed, 0, 1),
+};
+
+static const struct range curve_ranges[] = {
+    RANGE(hdt_curve_tab, start, -NO_LIMIT, NO_LIMIT),
+    RANGE(hdt_curve_tab, shift, 1, 23),
 };
 
 #define COUNT(array) (sizeof(array) / sizeof((array)[0]))
@@ -102,26 +115,22 @@ static int biquad_ok(const int32_t b[5])
            magnitude(b[3]) < one + b[4] && magnitude(in - back) <= 4;
 }
 
-/* Columns of length one, at right angles, right-handed, each within 1e-6. */
-static int rotation_ok(const int32_t r[9])
+/* Cosine and sine of one angle, within 1e-6. */
+static int twist_ok(const struct hdt_joint_tab *j)
 {
     const int64_t one = (int64_t)1 << 60, tolerance = one / 1000000;
-    for (int a = 0; a < 3; a++) {
-        for (int b = a; b < 3; b++) {
-            const int64_t dot = (int64_t)r[a] * r[b] + (int64_t)r[3 + a] * r[3 + b] +
-                                (int64_t)r[6 + a] * r[6 + b];
-            if (magnitude(dot - (a == b ? one : 0)) > tolerance)
-                return 0;
-        }
-    }
-    /* given that, x cross y is z or -z: the sign of its largest part tells */
-    for (int i = 0; i < 3; i++) {
-        const int m = (i + 1) % 3 * 3, n = (i + 2) % 3 * 3;
-        const int64_t z = (int64_t)r[m] * r[n + 1] - (int64_t)r[n] * r[m + 1];
-        if (magnitude(r[3 * i + 2]) > (1 << 29))
-            return (z > 0) == (r[3 * i + 2] > 0);
-    }
-    return 0;
+    const int64_t c = j->twist_cos_q30, s = j->twist_sin_q30;
+    return magnitude(c * c + s * s - one) <= tolerance;
+}
+
+/* What the chain flags of joint `at` must be; far_before: those of the joint before say FAR. */
+static uint32_t chain_flags(const struct hdt_joint_tab *j, uint32_t at, int far_before)
+{
+    const int step = at > 0 && (j->step_q24[0] != 0 || j->step_q24[1] != 0);
+    const int skew = j->second_q20[1] != 0 || j->second_q20[2] != 0 || j->second_q20[4] != 0;
+    const int right = j->twist_cos_q30 == 0 && j->twist_sin_q30 == (int32_t)1 << 30;
+    return (right ? HDT_CHAIN_RIGHT : 0u) | (step ? HDT_CHAIN_STEP : 0u) |
+           (step || far_before ? HDT_CHAIN_FAR : 0u) | (skew ? HDT_CHAIN_SKEW : 0u);
 }
 
 /* Angle per count and phase per count say the same ratio, and velocity per count fits its format. */
@@ -141,6 +150,27 @@ static const char *scaling(const struct hdt_joint_tab *j, uint32_t rate_q16)
     return NULL;
 }
 
+/* a * b / 2^n of values >= 0, rounded up; a product of 2^62 or more counts as 2^62. */
+static int64_t bound(int64_t a, int64_t b, unsigned n)
+{
+    const int64_t most = (int64_t)1 << 62;
+    const int64_t product = a != 0 && b > most / a ? most : a * b;
+    return (product >> n) + 1;
+}
+
+/* Friction between the knots and on beyond the last one, up to the speed the terms follow. */
+static int friction_ok(const struct hdt_joint_tab *j)
+{
+    const int64_t past = j->v_lim_q24 - ((int64_t)(HDT_FRICTION_KNOTS - 2) << j->friction_shift);
+    for (int way = 0; way < 2; way++) {
+        const int32_t *last = &j->friction_q16[way][HDT_FRICTION_KNOTS - 2];
+        const int64_t rise = magnitude((int64_t)last[1] - last[0]);
+        if (past > 0 && magnitude(last[0]) + bound(rise, past, j->friction_shift) >= INT32_MAX)
+            return 0;
+    }
+    return 1;
+}
+
 /* Name of the first wrong member of a joint, or NULL. */
 static const char *joint_wrong(const struct hdt_joint_tab *j, uint32_t rate_q16)
 {
@@ -151,8 +181,10 @@ static const char *joint_wrong(const struct hdt_joint_tab *j, uint32_t rate_q16)
         return "sign";
     if ((name = scaling(j, rate_q16)) != NULL)
         return name;
-    if (!rotation_ok(j->rot_q30))
-        return "rot_q30";
+    if (!twist_ok(j))
+        return "twist_cos_q30";
+    if (!friction_ok(j))
+        return "friction_q16";
     if (j->stiffness[0].t1_q16 > j->stiffness[0].t2_q16 || j->stiffness[1].t1_q16 > j->stiffness[1].t2_q16)
         return "stiffness";
     for (uint32_t k = 0; k < j->lines; k++) {
@@ -161,6 +193,10 @@ static const char *joint_wrong(const struct hdt_joint_tab *j, uint32_t rate_q16)
         if (j->line[k].phase_per_count_q24 >= WHOLE_TURN)
             return "line.phase_per_count_q24";
     }
+    const struct hdt_curve_tab *const curve[] = {&j->local[0], &j->local[1], &j->table};
+    for (size_t k = 0; k < COUNT(curve); k++)
+        if ((name = out_of_range(curve[k], curve_ranges, COUNT(curve_ranges))) != NULL)
+            return name;
     if (j->q_min_q24 >= j->q_max_q24)
         return "q_min_q24";
     return NULL;
@@ -199,25 +235,109 @@ static int wrong(const char *name, int at, int err, const char **where, int *joi
     return err;
 }
 
+/* How fast links can move and how much they can weigh, gathered from the base outwards.  All are
+ * sums of magnitudes, so no order of additions and no turning can exceed them. */
+struct reach {
+    int64_t w_q24, turn_q20, u_q20, a_q20; /* |w|, sum of own accelerations, |U|, |a|    */
+    int64_t moment_q20, gravity_q24;       /* all first moments; g                       */
+    int64_t step_q24;                      /* way from the base                          */
+    int64_t f_q16, n_q16;                  /* all forces; all moments about the base     */
+};
+
+static int64_t sum2(const int32_t v[2])
+{
+    return magnitude(v[0]) + magnitude(v[1]);
+}
+
+/* One link further.  Name of the member that lets a sum of the chain wrap, or NULL.  The limits are
+ * those hdt_chain.c relies on. */
+static const char *chain_moves(const struct hdt_joint_tab *j, struct reach *r)
+{
+    const int64_t vector = (int64_t)31 << 28; /* of components that a turn keeps below 2^33 */
+    const int64_t moment = sum2(j->moment_q20), step = sum2(j->step_q24);
+    int64_t second = 0;
+    for (int i = 0; i < 5; i++)
+        second += magnitude(j->second_q20[i]);
+
+    /* g . h: each below 2^62, and the torque a number */
+    r->moment_q20 += moment;
+    if (r->moment_q20 >= (int64_t)1 << 30 || bound(r->moment_q20, r->gravity_q24, 28) >= (int64_t)1 << 30)
+        return "moment_q20";
+
+    /* the origin moves with the link before */
+    r->a_q20 += bound(r->u_q20, step, 24);
+    r->step_q24 += step;
+    if (r->a_q20 >= vector)
+        return "step_q24";
+
+    /* |w| up to 60 rad/s; |dw| <= sum of a + w^2, |U| <= |dw| + w^2 */
+    r->w_q24 += j->v_lim_q24;
+    if (r->w_q24 > (int64_t)60 << 24)
+        return "v_lim_q24";
+    r->turn_q20 += (int64_t)j->a_lim_q16 * 16;
+    r->u_q20 = r->turn_q20 + 2 * bound(r->w_q24, r->w_q24, 28);
+    if (r->u_q20 >= vector)
+        return "a_lim_q16";
+
+    /* force and moment this link takes, and what its force makes of the way to the base */
+    const int64_t f = bound(r->u_q20, moment, 24);
+    r->f_q16 += f;
+    r->n_q16 += bound(r->u_q20, 2 * second, 24) + bound(r->a_q20, moment, 24) + bound(f, r->step_q24, 24);
+    return r->f_q16 >= vector || r->n_q16 >= vector ? "second_q20" : NULL;
+}
+
+/* Wind-up: no line leaves the format at any load. */
+static int stiffness_ok(const struct hdt_joint_tab *j, int64_t gravity_q16)
+{
+    const int64_t load = gravity_q16 + (j->terms >> HDT_TERM_SPRING & 1u ? HDT_SPRING_MAX_Q16 : 0);
+    if (!(j->terms >> HDT_TERM_STIFFNESS & 1u))
+        return 1;
+    for (int way = 0; way < 2; way++)
+        for (int i = 0; i < 3; i++)
+            if (magnitude(j->stiffness[way].intercept_q16[i]) +
+                    bound(magnitude(j->stiffness[way].slope_q24[i]), load, 24) >= INT32_MAX)
+                return 0;
+    return 1;
+}
+
+/* Name of the first wrong member of the joints, or NULL.  *at says which joint. */
+static const char *joints_wrong(const struct hdt_tables *t, uint32_t *at)
+{
+    struct reach reach = {0, 0, 0, 0, 0, 0, 0, 0, 0};
+    int far_off = 0;
+    for (int i = 0; i < 3; i++)
+        reach.gravity_q24 += magnitude(t->gravity_q24[i]);
+    for (uint32_t j = 0; j < t->joints; j++) {
+        const struct hdt_joint_tab *tab = &t->joint[j];
+        const char *name = joint_wrong(tab, t->rate_q16);
+        *at = j;
+        if (name != NULL)
+            return name;
+        if (tab->chain != chain_flags(tab, j, far_off))
+            return "chain";
+        far_off = (tab->chain & HDT_CHAIN_FAR) != 0;
+        if ((name = chain_moves(tab, &reach)) != NULL)
+            return name;
+    }
+    const int64_t gravity_q16 = bound(reach.moment_q20, reach.gravity_q24, 28);
+    for (uint32_t j = 0; j < t->joints; j++) {
+        *at = j;
+        if (!stiffness_ok(&t->joint[j], gravity_q16))
+            return "stiffness";
+    }
+    return NULL;
+}
+
 int hdt_tables_check(const struct hdt_tables *t, const char **where, int *joint)
 {
     int err;
-    int64_t moment = 0;
+    uint32_t at = 0;
     const char *name = head_wrong(t, &err);
     if (name != NULL)
         return wrong(name, -1, err, where, joint);
-
-    for (uint32_t j = 0; j < t->joints; j++) {
-        name = joint_wrong(&t->joint[j], t->rate_q16);
-        if (name != NULL)
-            return wrong(name, (int)j, HDT_TABLES_RANGE, where, joint);
-
-        /* gathered over all links the first moment stays below 2^30 (hdt_chain.h) */
-        for (int i = 0; i < 3; i++)
-            moment += magnitude(t->joint[j].hold_moment_q20[i]);
-        if (moment >= (int64_t)1 << 30)
-            return wrong("hold_moment_q20", (int)j, HDT_TABLES_RANGE, where, joint);
-    }
+    name = joints_wrong(t, &at);
+    if (name != NULL)
+        return wrong(name, (int)at, HDT_TABLES_RANGE, where, joint);
     return HDT_TABLES_OK;
 }
 
@@ -234,19 +354,23 @@ static const struct field head_fields[] = {
     FIELD(hdt_tables, joints, 4),      FIELD(hdt_tables, period_ns, 4),
     FIELD(hdt_tables, rate_q16, 4),    FIELD(hdt_tables, stale_periods, 4),
     FIELD(hdt_tables, gravity_q24, 4), FIELD(hdt_tables, biquad_q28, 4),
+    FIELD(hdt_tables, observer, 4),    FIELD(hdt_tables, observer_gain, 4),
 };
 
 /* up to the lines */
 static const struct field joint_fields[] = {
     FIELD(hdt_joint_tab, terms, 4),           FIELD(hdt_joint_tab, sign, 4),
     FIELD(hdt_joint_tab, zero_cnt, 4),        FIELD(hdt_joint_tab, rad_per_count_q44, 4),
-    FIELD(hdt_joint_tab, phase_per_count_q24, 8), FIELD(hdt_joint_tab, rot_q30, 4),
-    FIELD(hdt_joint_tab, trans_q24, 4),       FIELD(hdt_joint_tab, mass_q20, 4),
-    FIELD(hdt_joint_tab, moment_q20, 4),      FIELD(hdt_joint_tab, inertia_q20, 4),
-    FIELD(hdt_joint_tab, hold_moment_q20, 4), FIELD(hdt_joint_tab, rotor_q20, 4),
+    FIELD(hdt_joint_tab, phase_per_count_q24, 8), FIELD(hdt_joint_tab, chain, 4),
+    FIELD(hdt_joint_tab, phase0, 4),          FIELD(hdt_joint_tab, twist_cos_q30, 4),
+    FIELD(hdt_joint_tab, twist_sin_q30, 4),   FIELD(hdt_joint_tab, step_q24, 4),
+    FIELD(hdt_joint_tab, moment_q20, 4),      FIELD(hdt_joint_tab, second_q20, 4),
+    FIELD(hdt_joint_tab, rotor_q20, 4),       FIELD(hdt_joint_tab, v_lim_q24, 4),
+    FIELD(hdt_joint_tab, a_lim_q16, 4),
     FIELD(hdt_joint_tab, v_ramp_inv_q16, 4),  FIELD(hdt_joint_tab, friction_shift, 4),
     FIELD(hdt_joint_tab, friction_q16, 4),    FIELD(hdt_joint_tab, ripple_q8, 2),
-    FIELD(hdt_joint_tab, stiffness, 4),       FIELD(hdt_joint_tab, lines, 4),
+    FIELD(hdt_joint_tab, stiffness, 4),       FIELD(hdt_joint_tab, windup_inv_q8, 4),
+    FIELD(hdt_joint_tab, lines, 4),
 };
 
 static const struct field line_fields[] = {
@@ -261,11 +385,21 @@ static const struct field tail_fields[] = {
     FIELD(hdt_joint_tab, presliding_q16, 4),   FIELD(hdt_joint_tab, presliding_inv_q8, 4),
     FIELD(hdt_joint_tab, spring_q16, 4),       FIELD(hdt_joint_tab, spring_q0_q24, 4),
     FIELD(hdt_joint_tab, offset_q16, 4),       FIELD(hdt_joint_tab, kp_q16, 4),
-    FIELD(hdt_joint_tab, kd_q16, 4),           FIELD(hdt_joint_tab, digit_per_nm_q24, 4),
+    FIELD(hdt_joint_tab, kd_q16, 4),           FIELD(hdt_joint_tab, inertia_inv_q20, 4),
+    FIELD(hdt_joint_tab, nm_per_digit_q24, 4), FIELD(hdt_joint_tab, digit_per_nm_q24, 4),
     FIELD(hdt_joint_tab, dig_max, 4),          FIELD(hdt_joint_tab, dig_slew, 4),
     FIELD(hdt_joint_tab, spd_max, 4),          FIELD(hdt_joint_tab, q_min_q24, 4),
     FIELD(hdt_joint_tab, q_max_q24, 4),        FIELD(hdt_joint_tab, v_max_q24, 4),
     FIELD(hdt_joint_tab, follow_max_q24, 4),
+};
+
+/* after the tail, three times, then the two numbers of the last */
+static const struct field curve_fields[] = {
+    FIELD(hdt_curve_tab, start, 4), FIELD(hdt_curve_tab, shift, 4), FIELD(hdt_curve_tab, value_q8, 2),
+};
+
+static const struct field axis_fields[] = {
+    FIELD(hdt_joint_tab, axis, 4), FIELD(hdt_joint_tab, directed, 4),
 };
 
 /* Little endian to and from the machine's own order. */
@@ -343,7 +477,8 @@ static uint32_t crc32(const uint8_t *data, size_t size)
 
 size_t hdt_tables_size(uint32_t joints)
 {
-    const size_t joint = SIZE(joint_fields) + HDT_LINES_MAX * SIZE(line_fields) + SIZE(tail_fields);
+    const size_t joint = SIZE(joint_fields) + HDT_LINES_MAX * SIZE(line_fields) + SIZE(tail_fields) +
+                         3 * SIZE(curve_fields) + SIZE(axis_fields);
     return SIZE(head_fields) + joints * joint + 4;
 }
 
@@ -357,6 +492,10 @@ size_t hdt_tables_write(const struct hdt_tables *t, uint8_t *buf, size_t cap)
         for (int k = 0; k < HDT_LINES_MAX; k++)
             to = OUT(line_fields, &t->joint[j].line[k], to);
         to = OUT(tail_fields, &t->joint[j], to);
+        to = OUT(curve_fields, &t->joint[j].local[0], to);
+        to = OUT(curve_fields, &t->joint[j].local[1], to);
+        to = OUT(curve_fields, &t->joint[j].table, to);
+        to = OUT(axis_fields, &t->joint[j], to);
     }
     const uint32_t crc = crc32(buf, (size_t)(to - buf));
     copy_out(to, &crc, 4);
@@ -401,6 +540,10 @@ int hdt_tables_read(const uint8_t *image, size_t size, struct hdt_tables *out)
         for (int k = 0; k < HDT_LINES_MAX; k++)
             from = IN(line_fields, &out->joint[j].line[k], from);
         from = IN(tail_fields, &out->joint[j], from);
+        from = IN(curve_fields, &out->joint[j].local[0], from);
+        from = IN(curve_fields, &out->joint[j].local[1], from);
+        from = IN(curve_fields, &out->joint[j].table, from);
+        from = IN(axis_fields, &out->joint[j], from);
     }
     return hdt_tables_check(out, NULL, NULL);
 }

@@ -17,11 +17,13 @@ extern "C" {
 #endif
 
 #define HDT_TABLES_MAGIC 0x4d544448u /* "HDTM" little endian */
-#define HDT_TABLES_LAYOUT 1u         /* bump on any change of the structs below */
+#define HDT_TABLES_LAYOUT 2u         /* bump on any change of the structs below */
 #define HDT_JOINTS_MAX 16
 #define HDT_RIPPLE_KNOTS 1024  /* over one wave-generator turn, 16 counts apart, linear between */
 #define HDT_FRICTION_KNOTS 129 /* over |v| = 0 .. 128 << friction_shift, linear between        */
 #define HDT_LINES_MAX 4
+#define HDT_CURVE_KNOTS 257   /* of a free curve, linear between, its ends held outside */
+#define HDT_SPRING_MAX_Q16 (1 << 27) /* N.m  a spring pulls no harder than 2048 */
 
 /* Terms a joint may use; a bit not set costs one branch. */
 enum hdt_term {
@@ -36,9 +38,26 @@ enum hdt_term {
     HDT_TERM_PRESLIDING,  /* friction deficit after a reversal, decaying with travel            */
     HDT_TERM_SPRING,      /* cable or hose: k (q - q0)                                          */
     HDT_TERM_OFFSET,      /* constant torque                                                   */
+    HDT_TERM_LOCAL,       /* friction by position, a curve per direction, as fed forward in the paper */
+    HDT_TERM_TABLE,       /* one curve on an axis of choice                                    */
     HDT_TERM_P,           /* feedback kp (q_ref - q)                                            */
     HDT_TERM_D,           /* feedback kd (v_ref - v_filtered)                                   */
     HDT_TERMS
+};
+
+/* Uses of the velocity observer (hdt_vel.h); none: it does not run. */
+enum hdt_observed {
+    HDT_OBSERVED_FEEDBACK,       /* the D term, in place of the filtered velocity               */
+    HDT_OBSERVED_FRICTION,       /* direction and speed of friction, in place of the reference's */
+    HDT_OBSERVED
+};
+
+/* What a link is spared because its numbers are as simple as they look. */
+enum hdt_chain {
+    HDT_CHAIN_RIGHT = 1u << 0, /* the twist is a quarter turn: cosine 0, sine 1                */
+    HDT_CHAIN_STEP = 1u << 1,  /* the origin is not that of the previous link                  */
+    HDT_CHAIN_FAR = 1u << 2,   /* nor that of the first: it accelerates (links 2.. after a step) */
+    HDT_CHAIN_SKEW = 1u << 3   /* some second moment xy, xz, yz is not zero                    */
 };
 
 /* One direction of motion, [0] positive, [1] negative; the value is joint-signed (it is added as
@@ -47,6 +66,22 @@ struct hdt_stiffness_tab {
     int32_t t1_q16, t2_q16;      /* N.m  load where line 1 meets 2, and 2 meets 3; t1 <= t2 */
     int32_t intercept_q16[3];    /* N.m  value of each line at zero load                   */
     int32_t slope_q24[3];        /* N.m/N.m                                                */
+};
+
+/* A bounded curve: knot k at x = start + (k << shift); x in the units of its axis. */
+struct hdt_curve_tab {
+    int32_t start;
+    uint32_t shift;              /* 1..23 */
+    int16_t value_q8[HDT_CURVE_KNOTS]; /* N.m */
+};
+
+/* What the free curve is read at. */
+enum hdt_axis {
+    HDT_AXIS_Q,                  /* rad q24  measured output angle                            */
+    HDT_AXIS_LOAD,               /* N.m q16  what the gear carries: gravity and a spring      */
+    HDT_AXIS_PHASE,              /* counts   within a wave-generator turn, 0..16383           */
+    HDT_AXIS_SPEED,              /* rad/s q24  |v_ref|                                        */
+    HDT_AXES
 };
 
 /* amplitude * sin(order * q_output + phase), times direction if directed. */
@@ -67,15 +102,16 @@ struct hdt_joint_tab {
     uint32_t rad_per_count_q44;  /* rad output per count                                     */
     uint64_t phase_per_count_q24;/* output phase units (2^32 a turn) per count               */
 
-    /* link geometry and inertia: joint frame fixed in link, rotation about its z */
-    int32_t rot_q30[9];          /* columns: joint axes at q = 0 in the previous link's frame;
-                                  * row-major, v_previous = rot * v_joint                    */
-    int32_t trans_q24[3];        /* m  joint origin in the previous link frame                */
-    int32_t mass_q20;            /* kg                                                       */
-    int32_t moment_q20[3];       /* kg.m   first moment about the joint origin                */
-    int32_t inertia_q20[6];      /* kg.m^2 about the joint origin: xx xy xz yy yz zz          */
-    int32_t hold_moment_q20[3];  /* kg.m   first moment of link plus all later mass at the next origin */
+    /* link geometry and inertia in the frames of hdt_chain.h, which are not the model's */
+    uint32_t chain;              /* enum hdt_chain: what the numbers below spare the core     */
+    uint32_t phase0;             /* angle between the frames' x axes at q = 0, 2^32 a turn    */
+    int32_t twist_cos_q30, twist_sin_q30; /* about x, from the previous axis to this one      */
+    int32_t step_q24[2];         /* m  x, y of the link's origin in the previous link's frame; z is 0 */
+    int32_t moment_q20[2];       /* kg.m   first moment, x y                                  */
+    int32_t second_q20[5];       /* kg.m^2 integral of r r': xx xy xz yy yz; zz is 0          */
     int32_t rotor_q20;           /* kg.m^2 rotor and wave generator, reflected to the output  */
+    int32_t v_lim_q24;           /* rad/s   reference speed the terms follow; beyond, they hold it */
+    int32_t a_lim_q16;           /* rad/s^2 the same of acceleration                          */
 
     /* friction */
     int32_t v_ramp_inv_q16;      /* s/rad  1 / ramp: direction = clamp(v_ref / ramp, -1, 1)   */
@@ -83,6 +119,8 @@ struct hdt_joint_tab {
     int32_t friction_q16[2][HDT_FRICTION_KNOTS]; /* N.m magnitude along motion, by direction  */
     int16_t ripple_q8[HDT_RIPPLE_KNOTS];         /* N.m by wave-generator phase               */
     struct hdt_stiffness_tab stiffness[2];
+    int32_t windup_inv_q8;       /* 1/rad  wind-up passes from one direction's torque to the other's over twice
+                                  * this travel, and stays at rest; 0: with the direction         */
     uint32_t lines;              /* number used */
     struct hdt_line_tab line[HDT_LINES_MAX];
     int32_t load_mu_q24;         /* N.m/N.m */
@@ -98,6 +136,8 @@ struct hdt_joint_tab {
     /* feedback and output */
     int32_t kp_q16;              /* N.m/rad   output side */
     int32_t kd_q16;              /* N.m.s/rad output side */
+    int32_t inertia_inv_q20;     /* 1/(kg.m^2)  rotor and links at a middle pose, for the observer */
+    int32_t nm_per_digit_q24;    /* N.m output a digit                                        */
     int32_t digit_per_nm_q24;    /* digits per N.m output: 1000 / (N * torque gain), positive */
 
     /* limits, kept by the gate */
@@ -107,6 +147,12 @@ struct hdt_joint_tab {
     int32_t q_min_q24, q_max_q24;/* rad: outside, only torque back inside is let through       */
     int32_t v_max_q24;           /* rad/s measured, filtered; above it HDT_FAULT_SPEED        */
     int32_t follow_max_q24;      /* rad |q_ref - q|; above it HDT_FAULT_FOLLOWING; 0 off       */
+
+    /* curves */
+    struct hdt_curve_tab local[2]; /* by q, along the motion, by direction as the friction       */
+    struct hdt_curve_tab table;  /* by `axis`, joint-signed, times direction if directed          */
+    uint32_t axis;               /* enum hdt_axis */
+    uint32_t directed;
 };
 
 struct hdt_tables {
@@ -120,6 +166,8 @@ struct hdt_tables {
                                   * HDT_FAULT_STALE, >= 1                                    */
     int32_t gravity_q24[3];      /* m/s^2 in the base frame */
     int32_t biquad_q28[5];       /* velocity low-pass: b0 b1 b2 a1 a2, a0 = 1                 */
+    uint32_t observer;           /* bit (1u << enum hdt_observed): what takes the observer's velocity */
+    int32_t observer_gain[3];    /* of angle q30, of velocity 1/s q16, of acceleration 1/s^2 q8 */
     struct hdt_joint_tab joint[HDT_JOINTS_MAX];
 };
 

@@ -32,6 +32,7 @@ const std::vector<EffectSpec> &effect_table()
         {"presliding", {"torque", "travel"}},
         {"cable_spring", {"stiffness", "rest"}},
         {"inertia", {"inertia"}},
+        {"local_friction", {"torque", "at", "width"}},
         {"order_line", {"order", "amplitude", "phase", "directed"}},
     };
     return table;
@@ -55,6 +56,17 @@ struct Reader {
     {
         need(key);
         return d.entries.at(key).quantity.value[0];
+    }
+
+    // 1 for the second of two words, 0 for the first or none.
+    int choice(const std::string &key, const char *first, const char *second) const
+    {
+        if (!d.has(key) || text(key) == first)
+            return 0;
+        if (text(key) != second)
+            d.fail(key, std::string("expected \"") + first + "\" or \"" + second + "\", found "
+                            + quote(text(key).substr(0, 40)));
+        return 1;
     }
 
     double number_or(const std::string &key, double fallback) const
@@ -324,6 +336,16 @@ const EffectSpec &find_effect(const Reader &r, const std::string &key)
             return spec;
         ids.push_back(spec.id);
     }
+    static const std::vector<std::string> termless = {
+        "joint_offset", "torque_saturation", "torque_delay", "drive_efficiency", "viscous_nonlinear",
+        "stribeck_shape", "ripple_load", "ripple_speed", "coupling", "eccentricity",
+        "external_vibration", "soft_windup"};
+    if (std::find(termless.begin(), termless.end(), id) != termless.end())
+        r.d.fail(key, "expected an effect the control core has a term for, found " + quote(id)
+                          + ", which diagnosis can name and no table can hold");
+    if (id == "payload" || id == "link_mass" || id == "base_tilt")
+        r.d.fail(key, "expected an effect of one joint, found " + quote(id)
+                          + ", which changes payload, link or base.gravity");
     const std::string near = nearest_of(id.substr(0, 64), ids);
     r.d.fail(key, "expected an effect id of docs/formats.md"
                       + (near.empty() ? "" : " (did you mean " + near + "?)") + ", found "
@@ -350,6 +372,11 @@ void read_effect(const Reader &r, const std::string &at, const std::string &id, 
         out->spring_q0_rad = r.number(at + "rest");
     } else if (id == "inertia") {
         out->extra_inertia_kgm2 = r.number(at + "inertia");
+    } else if (id == "local_friction") {
+        if (out->bumps == HDT_ARM_BUMPS_MAX)
+            r.d.fail(at + "id", "expected at most " + std::to_string(HDT_ARM_BUMPS_MAX)
+                                    + " local_friction effects a joint, found one more");
+        out->bump[out->bumps++] = {r.number(at + "torque"), r.number(at + "at"), r.number(at + "width")};
     } else {
         if (out->lines == HDT_LINES_MAX)
             r.d.fail(at + "id", "expected at most " + std::to_string(HDT_LINES_MAX)
@@ -369,11 +396,57 @@ void read_effects(const Reader &r, const std::string &joint, hdt_arm_joint *out)
         const EffectSpec &spec = find_effect(r, at + "id");
         check_effect_keys(r, at, spec);
         const std::string id(spec.id);
-        if (id != "order_line" && std::find(seen.begin(), seen.end(), id) != seen.end())
+        if (id != "order_line" && id != "local_friction" && std::find(seen.begin(), seen.end(), id) != seen.end())
             r.d.fail(at + "id", "expected one " + id + " a joint, found a second");
         seen.push_back(id);
         read_effect(r, at, id, out);
     }
+}
+
+void read_curve(const Reader &r, const std::string &span, const std::string &torque, hdt_arm_curve *out)
+{
+    double ends[2];
+    r.numbers(span, ends);
+    if (!(ends[0] < ends[1]))
+        r.d.fail(span, "expected the lower end first, found " + number_text(ends[0]) + ", "
+                           + number_text(ends[1]));
+    out->from = ends[0];
+    out->to = ends[1];
+    r.numbers(torque, out->nm);
+}
+
+void read_curves(const Reader &r, const std::string &joint, hdt_arm_joint *out)
+{
+    const std::string local = joint + "friction_by_position.", table = joint + "table.";
+    out->has_local = r.group(local, {"span", "positive", "negative"}) ? 1 : 0;
+    if (out->has_local) {
+        read_curve(r, local + "span", local + "positive", &out->local[0]);
+        read_curve(r, local + "span", local + "negative", &out->local[1]);
+    }
+    static const char *const axes[HDT_AXES] = {"over_position", "over_load", "over_wave_generator",
+                                               "over_speed"};
+    int found = 0;
+    for (int axis = 0; axis < HDT_AXES; axis++)
+        if (r.d.has(table + axes[axis])) {
+            out->table_axis = axis;
+            if (++found > 1)
+                r.d.fail(table + axes[axis], "expected a table over one axis, found a second");
+        }
+    if (found == 0) {
+        for (const char *name : {"torque", "directed"})
+            if (r.d.has(table + name))
+                r.d.fail(table + name, "expected a table over_position, over_load, over_wave_generator "
+                                       "or over_speed, found none of them");
+        return;
+    }
+    const std::string over = table + axes[out->table_axis];
+    r.need(table + "torque");
+    read_curve(r, over, table + "torque", &out->table);
+    if (out->table_axis == HDT_AXIS_PHASE && !(out->table.from == 0 && out->table.to == 1))
+        r.d.fail(over, "expected one turn, [0, 1], found " + number_text(out->table.from) + ", "
+                           + number_text(out->table.to));
+    out->table_directed = r.d.has(table + "directed") && r.d.entries.at(table + "directed").flag ? 1 : 0;
+    out->has_table = 1;
 }
 
 void read_joint(const Reader &r, int number, hdt_arm *arm)
@@ -404,6 +477,8 @@ void read_joint(const Reader &r, int number, hdt_arm *arm)
     read_ripples(r, joint, out);
     read_stiffness(r, joint, out);
     read_effects(r, joint, out);
+    read_curves(r, joint, out);
+    out->windup_rad = r.number_or(joint + "stiffness.travel", 0);
 }
 
 void check_sources(const Document &d)
@@ -436,6 +511,8 @@ hdt_arm derive_arm(const Document &d)
     if (r.group("control.", {"rate", "velocity_cutoff"})) {
         arm.control_rate_hz = r.number("control.rate");
         arm.velocity_cutoff_hz = r.number("control.velocity_cutoff");
+        arm.observe_feedback = r.choice("control.feedback_velocity", "filtered", "observed");
+        arm.observe_friction = r.choice("control.friction_velocity", "desired", "observed");
         if (!(arm.velocity_cutoff_hz < arm.control_rate_hz / 2))
             d.fail("control.velocity_cutoff",
                    "expected below half of control.rate = " + number_text(arm.control_rate_hz)

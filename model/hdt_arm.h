@@ -25,6 +25,8 @@ extern "C" {
 #define HDT_ARM_JOINTS_MAX 16
 #define HDT_ARM_LINES_MAX 8
 #define HDT_ARM_ERRORS_MAX 4
+#define HDT_ARM_BUMPS_MAX 4
+#define HDT_ARM_CURVE_POINTS 65
 
 struct hdt_arm_friction { double f0_nm, fv_nmspr, fs_nm, vc_radps; };
 
@@ -46,6 +48,12 @@ struct hdt_arm_mesh {
 
 /* Soft wind-up torque as three lines of load x (gravity torque, output side), one direction. */
 struct hdt_arm_stiffness { double slope[3], t1_nm, t2_nm, zero_nm; };
+
+/* Torque over an axis: point k of 65 at from + k (to - from)/64, linear between, held outside. */
+struct hdt_arm_curve { double from, to, nm[HDT_ARM_CURVE_POINTS]; };
+
+/* Friction of a place: torque * exp(-((q - at) / width)^2 / 2), times direction. */
+struct hdt_arm_bump { double torque_nm, at_rad, width_rad; };
 
 struct hdt_arm_joint {
     char name[16];
@@ -74,6 +82,13 @@ struct hdt_arm_joint {
     struct hdt_arm_line ripple[HDT_ARM_LINES_MAX];
     int has_stiffness;
     struct hdt_arm_stiffness stiffness[2];
+    double windup_rad;                /* travel from no wind-up to one direction's; 0: with the direction */
+    int has_local;                    /* friction by position, q in rad, magnitude along the motion */
+    struct hdt_arm_curve local[2];
+    int has_table;                    /* one more curve, joint-signed */
+    int table_axis;                   /* enum hdt_axis; phase in turns of the wave generator, 0..1 */
+    int table_directed;               /* times direction of motion */
+    struct hdt_arm_curve table;
     /* feedback, motor side as Table VI prints it */
     double kp_m_nmprad, kd_m_nmspr;
     /* effects adopted; neutral values mean absent */
@@ -86,6 +101,8 @@ struct hdt_arm_joint {
     double extra_inertia_kgm2;        /* output side */
     int lines;
     struct hdt_arm_line line[HDT_LINES_MAX];
+    int bumps;
+    struct hdt_arm_bump bump[HDT_ARM_BUMPS_MAX];
 };
 
 struct hdt_arm {
@@ -97,13 +114,14 @@ struct hdt_arm {
     double flange_m[3], flange_rot[9];/* in the last joint's frame */
     double payload_kg, payload_com_m[3]; /* in the flange frame */
     double control_rate_hz, velocity_cutoff_hz;
+    int observe_feedback, observe_friction; /* velocity by the observer: of the D term, of friction */
     struct hdt_arm_joint joint[HDT_ARM_JOINTS_MAX];
 };
 
 /* Read a model file.  Errors: -1 and one line in err: file:line: key: expected ..., found ... */
 int hdt_arm_load(const char *path, struct hdt_arm *arm, char *err, size_t errlen);
 
-struct hdt_gen_report { double friction_nm, ripple_nm, gravity_nm, lines_nm; }; /* worst quantisation error per term */
+struct hdt_gen_report { double friction_nm, ripple_nm, gravity_nm, lines_nm, curves_nm; }; /* worst quantisation error per term */
 
 /* Fixed point from numbers.  report may be NULL.
  * Errors: -1 and one line naming the key that cannot be represented. */

@@ -11,127 +11,23 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <map>
 #include <stdexcept>
+#include <string>
 
 #include <Eigen/Dense>
 
 #include "ctrl/hdt_q.h"
 #include "model/hdt_arm.h"
 #include "model/rbd.hpp"
+#include "model/tablegen_chain.hpp"
+#include "model/tablegen_fixed.hpp"
 #include "model/terms.hpp"
 
 namespace hdt {
 namespace {
 
-using Eigen::Matrix3d;
-using Eigen::Vector3d;
-
 constexpr double pi = 3.14159265358979323846;
-using RowMatrix = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>;
-
-struct Refusal : std::runtime_error {
-    using std::runtime_error::runtime_error;
-};
-
-std::string text_of(double x)
-{
-    char buffer[40];
-    std::snprintf(buffer, sizeof buffer, "%.8g", x);
-    return buffer;
-}
-
-[[noreturn]] void refuse(const std::string &key, const std::string &expected, double found)
-{
-    throw Refusal(key + ": expected " + expected + " for the tables, found " + text_of(found));
-}
-
-// Nearest fixed-point value; the key's limits are part of the format or narrower.
-int32_t fixed(const std::string &key, double x, int bits, double low, double high)
-{
-    const double largest = std::ldexp(2147483647.0, -bits);
-    const double from = std::max(low, -largest), to = std::min(high, largest);
-    if (!(x >= from && x <= to))
-        refuse(key, "a number from " + text_of(from) + " to " + text_of(to), x);
-    return static_cast<int32_t>(std::llround(std::ldexp(x, bits)));
-}
-
-int32_t fixed(const std::string &key, double x, int bits)
-{
-    return fixed(key, x, bits, -HUGE_VAL, HUGE_VAL);
-}
-
-// Fraction of a turn as an integer of that many bits, modulo one turn.
-uint64_t turn_part(double turns, int bits)
-{
-    const double part = turns - std::floor(turns);
-    return static_cast<uint64_t>(std::llround(std::ldexp(part, bits)))
-           & ((uint64_t(1) << bits) - 1);
-}
-
-// ---- chain ----
-
-struct Body {
-    double mass;
-    Vector3d moment;
-    Matrix3d inertia;
-};
-
-// A link with what is fixed to it: the payload belongs to the last one.
-Body body_of(const hdt_arm &arm, int j)
-{
-    const hdt_arm_joint &joint = arm.joint[j];
-    Body body{joint.mass_kg, Vector3d(joint.moment_kgm), Matrix3d::Zero()};
-    const double *i = joint.inertia_kgm2;
-    body.inertia << i[0], i[1], i[2], i[1], i[3], i[4], i[2], i[4], i[5];
-    if (!joint.has_inertial)
-        body = {0, Vector3d::Zero(), Matrix3d::Zero()};
-    if (j + 1 == arm.joints) {
-        const Vector3d at =
-            Vector3d(arm.flange_m) + RowMatrix(arm.flange_rot) * Vector3d(arm.payload_com_m);
-        body.mass += arm.payload_kg;
-        body.moment += arm.payload_kg * at;
-        body.inertia +=
-            arm.payload_kg * (at.squaredNorm() * Matrix3d::Identity() - at * at.transpose());
-    }
-    return body;
-}
-
-void make_chain(const hdt_arm &arm, hdt_tables *t)
-{
-    double later_kg = 0;
-    for (int j = arm.joints - 1; j >= 0; j--) {
-        const hdt_arm_joint &joint = arm.joint[j];
-        hdt_joint_tab &out = t->joint[j];
-        const Body body = body_of(arm, j);
-        const std::string key = "joint." + std::to_string(j + 1) + ".";
-        const std::string link =
-            key + (j + 1 == arm.joints && arm.payload_kg > 0 ? "link with payload" : "link");
-        for (int i = 0; i < 9; i++)
-            out.rot_q30[i] = fixed(key + "rpy", joint.rot[i], 30);
-        for (int i = 0; i < 3; i++)
-            out.trans_q24[i] = fixed(key + "origin", joint.origin_m[i], 24);
-        out.mass_q20 = fixed(link + ".mass", body.mass, 20);
-        const double inertia[6] = {body.inertia(0, 0), body.inertia(0, 1), body.inertia(0, 2),
-                                   body.inertia(1, 1), body.inertia(1, 2), body.inertia(2, 2)};
-        for (int i = 0; i < 6; i++)
-            out.inertia_q20[i] = fixed(link + ".inertia", inertia[i], 20);
-        for (int i = 0; i < 3; i++) {
-            const double carried = j + 1 < arm.joints ? later_kg * arm.joint[j + 1].origin_m[i] : 0;
-            out.moment_q20[i] = fixed(link + ".com", body.moment[i], 20);
-            out.hold_moment_q20[i] = fixed(link + ".com", body.moment[i] + carried, 20);
-        }
-        later_kg += body.mass;
-        out.rotor_q20 = fixed(key + "motor.rotor_inertia (reflected)",
-                              reflected_inertia_kgm2(joint), 20, 0, HUGE_VAL);
-        const bool moves_mass =
-            later_kg > 0 || body.moment.norm() > 0
-            || (j + 1 < arm.joints && (t->joint[j + 1].terms >> HDT_TERM_GRAVITY & 1u));
-        if (moves_mass)
-            out.terms |= 1u << HDT_TERM_GRAVITY;
-        if (moves_mass || body.inertia.norm() > 0 || out.rotor_q20 != 0)
-            out.terms |= 1u << HDT_TERM_INERTIA;
-    }
-}
 
 // ---- friction ----
 
@@ -244,7 +140,7 @@ void make_lines(const hdt_arm_joint &joint, const std::string &key, hdt_joint_ta
         const double turns_per_count = line.order_rev / (joint.ratio * HDT_COUNTS_PER_REV);
         if (!(turns_per_count > 0 && turns_per_count < 0.25))
             refuse(at + ".order",
-                   "above 0 and below " + text_of(0.25 * joint.ratio * HDT_COUNTS_PER_REV),
+                   "above 0 and below " + number_text(0.25 * joint.ratio * HDT_COUNTS_PER_REV),
                    line.order_rev);
         hdt_line_tab &tab = out->line[i];
         tab.amplitude_q16 = fixed(at + ".amplitude", line.amplitude_nm, 16);
@@ -281,7 +177,57 @@ void make_stiffness(const hdt_arm_joint &joint, const std::string &key, hdt_join
             to.intercept_q16[i] = fixed(key + names[way] + ".zero", lines.intercept_nm[i], 16);
         }
     }
+    if (joint.windup_rad > 0)
+        out->windup_inv_q8 = fixed(key + "stiffness.travel (1 over it)", 1 / joint.windup_rad, 8, 1 / 256.0, HUGE_VAL);
     out->terms |= 1u << HDT_TERM_STIFFNESS;
+}
+
+// ---- curves ----
+
+// Knots from `from` on, as close as reaches `to`; refuses what a knot cannot say.
+template <typename Value>
+void make_curve(const std::string &key, double from, double to, int bits, const Value &value,
+                hdt_curve_tab *out, double *worst_nm)
+{
+    const double unit = std::ldexp(1, bits);
+    out->start = fixed(key + ": lower end", from, bits);
+    while (std::ldexp(HDT_CURVE_KNOTS - 1, int(out->shift)) < (to - from) * unit)
+        out->shift++;
+    if (out->shift > 23)
+        refuse(key + ": span", "at most " + number_text(std::ldexp(256, 23) / unit), to - from);
+    const auto at = [&](double place) { return from + std::ldexp(place, int(out->shift)) / unit; };
+    for (int k = 0; k < HDT_CURVE_KNOTS; k++)
+        out->value_q8[k] = static_cast<int16_t>(fixed(key + ": torque", value(std::fmin(at(k), to)), 8,
+                                                      -32767 / 256.0, 32767 / 256.0));
+    for (int i = 0; i < 8 * (HDT_CURVE_KNOTS - 1); i++) {
+        const int k = i / 8;
+        const double part = i % 8 / 8.0;
+        const double made = (out->value_q8[k] + part * (out->value_q8[k + 1] - out->value_q8[k])) / 256;
+        if (at(k + part) <= to)
+            *worst_nm = std::max(*worst_nm, std::fabs(made - value(at(k + part))));
+    }
+}
+
+void make_curves(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out, double *worst_nm)
+{
+    out->local[0].shift = out->local[1].shift = out->table.shift = 1;
+    if (joint.has_local || joint.bumps > 0) {
+        for (int way = 0; way < 2; way++)
+            make_curve(key + (joint.has_local ? "friction_by_position" : "effect (local_friction)"),
+                       joint.q_min_rad, joint.q_max_rad, 24,
+                       [&](double q) { return local_nm(joint, way, q); }, &out->local[way], worst_nm);
+        out->terms |= 1u << HDT_TERM_LOCAL;
+    }
+    if (!joint.has_table)
+        return;
+    // the core's units: rad q24, N.m q16, counts of a wave-generator turn, rad/s q24
+    static const int bits[HDT_AXES] = {24, 16, 0, 24};
+    const double scale = joint.table_axis == HDT_AXIS_PHASE ? HDT_COUNTS_PER_REV : 1;
+    make_curve(key + "table", joint.table.from * scale, joint.table.to * scale, bits[joint.table_axis],
+               [&](double x) { return curve_nm(joint.table, x / scale); }, &out->table, worst_nm);
+    out->axis = static_cast<uint32_t>(joint.table_axis);
+    out->directed = joint.table_directed ? 1 : 0;
+    out->terms |= 1u << HDT_TERM_TABLE;
 }
 
 void make_effects(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out)
@@ -319,7 +265,7 @@ void make_scaling(const hdt_arm_joint &joint, const std::string &key, hdt_joint_
     // the digit factor bounds the ratio below; above, the count step must keep its precision
     const double least = std::ldexp(1000, 24) / 2147483647.0;
     if (!(joint.ratio * joint.torque_gain >= least))
-        refuse(key + "gear.ratio (times torque gain)", "at least " + text_of(least),
+        refuse(key + "gear.ratio (times torque gain)", "at least " + number_text(least),
                joint.ratio * joint.torque_gain);
     if (!(joint.ratio >= 2 && joint.ratio <= 10000))
         refuse(key + "gear.ratio", "a number from 2 to 10000", joint.ratio);
@@ -330,10 +276,11 @@ void make_scaling(const hdt_arm_joint &joint, const std::string &key, hdt_joint_
         static_cast<uint32_t>(std::llround(std::ldexp(2 * pi * turns_per_count, 44)));
     out->phase_per_count_q24 = turn_part(turns_per_count, 56);
     out->digit_per_nm_q24 = fixed(key + "gear.ratio", 1000 / (joint.ratio * joint.torque_gain), 24);
+    out->nm_per_digit_q24 = fixed(key + "gear.ratio", joint.ratio * joint.torque_gain / 1000, 24, 0, 64);
     out->kp_q16 =
-        fixed(key + "feedback.kp (times ratio)", joint.ratio * joint.kp_m_nmprad, 16, 0, HUGE_VAL);
+        fixed(key + "feedback.kp (times ratio)", joint.ratio * joint.kp_m_nmprad, 16, 0, 16384);
     out->kd_q16 =
-        fixed(key + "feedback.kd (times ratio)", joint.ratio * joint.kd_m_nmspr, 16, 0, HUGE_VAL);
+        fixed(key + "feedback.kd (times ratio)", joint.ratio * joint.kd_m_nmspr, 16, 0, 16384);
     out->terms |= (out->kp_q16 != 0 ? 1u : 0u) << HDT_TERM_P;
     out->terms |= (out->kd_q16 != 0 ? 1u : 0u) << HDT_TERM_D;
 }
@@ -357,7 +304,7 @@ void make_limits(const hdt_arm &arm, const hdt_arm_joint &joint, const std::stri
     out->q_min_q24 = fixed(key + "limits.position", joint.q_min_rad, 24);
     out->q_max_q24 = fixed(key + "limits.position", joint.q_max_rad, 24);
     out->v_max_q24 =
-        fixed(key + "limits.speed (times " + text_of(TableDefaults::speed_margin) + ")",
+        fixed(key + "limits.speed (times " + number_text(TableDefaults::speed_margin) + ")",
               joint.v_max_radps * TableDefaults::speed_margin, 24);
     out->follow_max_q24 = fixed("following limit", TableDefaults::follow_rad, 24);
     const double ramp = joint.has_friction && joint.friction_v_min_radps > 0
@@ -381,6 +328,7 @@ void make_joint(const hdt_arm &arm, int j, hdt_joint_tab *out, hdt_gen_report *r
         make_stiffness(joint, key, out);
     make_lines(joint, key, out, &report->lines_nm);
     make_effects(joint, key, out);
+    make_curves(joint, key, out, &report->curves_nm);
 }
 
 // Second-order Butterworth low-pass by the bilinear transform, corner prewarped.
@@ -396,6 +344,37 @@ void make_biquad(const hdt_arm &arm, int32_t out[5])
     out[4] = static_cast<int32_t>(std::llround(one * (1 - root2 * k + k * k) * scale));
     // b1 takes the rounding of the others, so that a constant speed passes exactly
     out[1] = static_cast<int32_t>((int64_t(1) << 28) + out[3] + out[4] - out[0] - out[2]);
+}
+
+// Triple pole of the observer a quarter of the low-pass's corner (fading-memory filter of degree two): it
+// knows the acceleration, so slow is quiet and does not lag.
+void make_observer(const hdt_arm &arm, hdt_tables *t)
+{
+    t->observer = (arm.observe_feedback ? 1u : 0u) << HDT_OBSERVED_FEEDBACK
+                  | (arm.observe_friction ? 1u : 0u) << HDT_OBSERVED_FRICTION;
+    const double rate = arm.control_rate_hz, p = std::exp(-2 * pi * TableDefaults::observer_share * arm.velocity_cutoff_hz / rate),
+                 r = 1 - p;
+    t->observer_gain[0] = fixed("control.velocity_cutoff", 1 - p * p * p, 30, 0, 1);
+    t->observer_gain[1] = fixed("control.rate", 1.5 * r * r * (1 + p) * rate, 16, 0, 16384);
+    t->observer_gain[2] = fixed("control.rate", std::min(r * r * r * rate * rate, 4194303.0), 8);
+}
+
+// Inertia each joint turns with the arm at the middle of its range: for the observer.
+void make_inertia(const hdt_arm &arm, hdt_tables *t)
+{
+    const int n = arm.joints;
+    Eigen::VectorXd q(n);
+    const Eigen::VectorXd zero = Eigen::VectorXd::Zero(n);
+    for (int j = 0; j < n; j++)
+        q[j] = (arm.joint[j].q_min_rad + arm.joint[j].q_max_rad) / 2;
+    const Eigen::VectorXd held = rbd::gravity(arm, q);
+    for (int j = 0; j < n; j++) {
+        Eigen::VectorXd a = zero;
+        a[j] = 1;
+        const double sum = (rbd::inverse_dynamics(arm, q, zero, a) - held)[j] + reflected_inertia_kgm2(arm.joint[j]);
+        // an arm of unknown inertia: the observer goes by the counts alone
+        t->joint[j].inertia_inv_q20 = sum > 1 / 1024.0 ? fixed("inertia", 1 / sum, 20) : 0;
+    }
 }
 
 void make_head(const hdt_arm &arm, hdt_tables *t)
@@ -418,39 +397,24 @@ void make_head(const hdt_arm &arm, hdt_tables *t)
     t->period_ns = static_cast<uint32_t>(std::llround(1e9 / arm.control_rate_hz));
     t->rate_q16 = static_cast<uint32_t>(std::llround(std::ldexp(arm.control_rate_hz, 16)));
     t->stale_periods = TableDefaults::stale_periods;
-    for (int i = 0; i < 3; i++)
-        t->gravity_q24[i] = fixed("base.gravity", arm.gravity_mps2[i], 24);
     make_biquad(arm, t->biquad_q28);
+    make_observer(arm, t);
 }
 
-// Holding torque of the rounded numbers in floating point, the way hdt_chain_gravity goes.
-Eigen::VectorXd table_gravity_nm(const hdt_tables &t, const Eigen::VectorXd &q)
+// Reference motion the terms follow: the speed a fault is at, and any acceleration up to the one the
+// core can take of this arm.
+void limit_chain(hdt_tables *t)
 {
-    const int n = static_cast<int>(t.joints);
-    std::vector<Matrix3d> turn(static_cast<std::size_t>(n)); // previous link -> link, turned
-    std::vector<Vector3d> down(static_cast<std::size_t>(n)); // gravity in link axes
-    Vector3d g(t.gravity_q24[0], t.gravity_q24[1], t.gravity_q24[2]);
-    g *= std::ldexp(1, -24);
-    for (int j = 0; j < n; j++) {
-        const auto at = static_cast<std::size_t>(j);
-        Matrix3d rot;
-        for (int i = 0; i < 9; i++)
-            rot(i / 3, i % 3) = std::ldexp(t.joint[j].rot_q30[i], -30);
-        turn[at] = rot * Eigen::AngleAxisd(q[j], Vector3d::UnitZ()).toRotationMatrix();
-        g = turn[at].transpose() * g;
-        down[at] = g;
+    for (uint32_t j = 0; j < t->joints; j++)
+        t->joint[j].v_lim_q24 = t->joint[j].v_max_q24;
+    for (double a = TableDefaults::a_lim_radps2; a >= 1; a /= 2) {
+        for (uint32_t j = 0; j < t->joints; j++)
+            t->joint[j].a_lim_q16 = fixed("a_lim", a, 16);
+        const char *where = "";
+        int joint = -1;
+        if (hdt_tables_check(t, &where, &joint) == HDT_TABLES_OK)
+            return;
     }
-    Eigen::VectorXd tau(n);
-    Vector3d held = Vector3d::Zero();
-    for (int j = n - 1; j >= 0; j--) {
-        const auto at = static_cast<std::size_t>(j);
-        if (j + 1 < n)
-            held = turn[at + 1] * held;
-        const int32_t *own = t.joint[j].hold_moment_q20;
-        held += Vector3d(own[0], own[1], own[2]) * std::ldexp(1, -20);
-        tau[j] = held[1] * down[at][0] - held[0] * down[at][1];
-    }
-    return tau;
 }
 
 double gravity_error_nm(const hdt_arm &arm, const hdt_tables &t)
@@ -468,9 +432,30 @@ double gravity_error_nm(const hdt_arm &arm, const hdt_tables &t)
                 arm.joint[j].q_min_rad + share * (arm.joint[j].q_max_rad - arm.joint[j].q_min_rad);
         }
         worst =
-            std::max(worst, (table_gravity_nm(t, q) - rbd::gravity(arm, q)).cwiseAbs().maxCoeff());
+            std::max(worst, (chain_gravity_nm(t, q) - rbd::gravity(arm, q)).cwiseAbs().maxCoeff());
     }
     return worst;
+}
+
+// What in the model makes a member the core does not take, and what would be taken.
+std::string cause(const std::string &member)
+{
+    static const std::map<std::string, std::string> causes = {
+        {"v_lim_q24", "limits.speed: expected joint speeds (times 1.2) of 60 rad/s or less together, "
+                      "found more up to this joint"},
+        {"a_lim_q16", "limits.speed: expected joints slow enough for centripetal accelerations below "
+                      "7900 rad/s^2, found more up to this joint"},
+        {"step_q24", "origin: expected link origins that accelerate by less than 7900 m/s^2, found "
+                     "more at full speed"},
+        {"moment_q20", "link.com: expected a holding torque below 16384 N.m and first moments below "
+                       "1024 kg.m, all links together, found more"},
+        {"second_q20", "link.inertia: expected forces below 120000 N and moments below 120000 N.m at full "
+                       "speed, all links together, found more"},
+        {"stiffness", "stiffness: expected lines below 32767 N.m at every load, found more"},
+    };
+    const auto known = causes.find(member);
+    return known != causes.end() ? known->second
+                                 : member + ": expected a number the core takes, found another";
 }
 
 void make_tables(const hdt_arm &arm, hdt_tables *t, hdt_gen_report *report)
@@ -481,13 +466,15 @@ void make_tables(const hdt_arm &arm, hdt_tables *t, hdt_gen_report *report)
     for (int j = 0; j < arm.joints; j++)
         make_joint(arm, j, &t->joint[j], report);
     make_chain(arm, t);
+    make_inertia(arm, t);
+    limit_chain(t);
     report->gravity_nm = gravity_error_nm(arm, *t);
     // the core has the last word on what it takes
     const char *where = "";
     int joint = -1;
     if (hdt_tables_check(t, &where, &joint) != HDT_TABLES_OK)
-        throw Refusal((joint >= 0 ? "joint." + std::to_string(joint + 1) + ": " : std::string())
-                      + "expected numbers the core takes, found " + where + " out of its range");
+        throw Refusal((joint >= 0 ? "joint." + std::to_string(joint + 1) + "." : std::string())
+                      + cause(where));
 }
 
 } // namespace

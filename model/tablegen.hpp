@@ -19,6 +19,9 @@ struct TableDefaults {
     static constexpr double speed_margin = 1.2;  // speed that is a fault, over limits.speed
     static constexpr double v_ramp_radps = 0.01; // direction ramps within this, or half the slowest
                                                  // fitted speed if that is less
+    static constexpr double a_lim_radps2 = 128;  // reference acceleration the inertia term follows, or
+                                                 // the next half of it the core's sums have room for
+    static constexpr double observer_share = 0.25; // the observer's corner over control.velocity_cutoff
     static constexpr unsigned stale_periods = 20;
     static constexpr double friction_span = 1.5; // friction is measured over this times valid speed
 };

@@ -87,13 +87,16 @@ struct Writer {
         field("zero_cnt", j.zero_cnt);
         field("rad_per_count_q44", j.rad_per_count_q44);
         field("phase_per_count_q24", j.phase_per_count_q24);
-        array("rot_q30", j.rot_q30);
-        array("trans_q24", j.trans_q24);
-        field("mass_q20", j.mass_q20);
+        field("chain", j.chain);
+        field("phase0", j.phase0);
+        field("twist_cos_q30", j.twist_cos_q30);
+        field("twist_sin_q30", j.twist_sin_q30);
+        array("step_q24", j.step_q24);
         array("moment_q20", j.moment_q20);
-        array("inertia_q20", j.inertia_q20);
-        array("hold_moment_q20", j.hold_moment_q20);
+        array("second_q20", j.second_q20);
         field("rotor_q20", j.rotor_q20);
+        field("v_lim_q24", j.v_lim_q24);
+        field("a_lim_q16", j.a_lim_q16);
     }
 
     void friction(const hdt_joint_tab &j)
@@ -104,6 +107,7 @@ struct Writer {
                + list(j.friction_q16[1], HDT_FRICTION_KNOTS) + "},\n";
         array("ripple_q8", j.ripple_q8);
         stiffness(j);
+        field("windup_inv_q8", j.windup_inv_q8);
         lines(j);
         field("load_mu_q24", j.load_mu_q24);
         field("cold_coulomb_q16", j.cold_coulomb_q16);
@@ -116,10 +120,29 @@ struct Writer {
         field("offset_q16", j.offset_q16);
     }
 
+    void curve(const hdt_curve_tab &c)
+    {
+        out += "{.start = " + one(c.start) + ", .shift = " + one(c.shift) + ", .value_q8 = "
+               + list(c.value_q8, HDT_CURVE_KNOTS) + "},\n";
+    }
+
+    void curves(const hdt_joint_tab &j)
+    {
+        out += ".local = {\n";
+        curve(j.local[0]);
+        curve(j.local[1]);
+        out += "},\n.table = ";
+        curve(j.table);
+        field("axis", j.axis);
+        field("directed", j.directed);
+    }
+
     void limits(const hdt_joint_tab &j)
     {
         field("kp_q16", j.kp_q16);
         field("kd_q16", j.kd_q16);
+        field("inertia_inv_q20", j.inertia_inv_q20);
+        field("nm_per_digit_q24", j.nm_per_digit_q24);
         field("digit_per_nm_q24", j.digit_per_nm_q24);
         field("dig_max", j.dig_max);
         field("dig_slew", j.dig_slew);
@@ -142,6 +165,8 @@ struct Writer {
         field("stale_periods", t.stale_periods);
         array("gravity_q24", t.gravity_q24);
         array("biquad_q28", t.biquad_q28);
+        field("observer", t.observer);
+        array("observer_gain", t.observer_gain);
     }
 };
 
@@ -185,6 +210,7 @@ std::string tables_c_source(const hdt_tables &t, const std::string &name)
         w.chain(t.joint[j]);
         w.friction(t.joint[j]);
         w.limits(t.joint[j]);
+        w.curves(t.joint[j]);
         w.out += "},\n";
     }
     w.out += "},\n};\n";

@@ -7,6 +7,7 @@
 // Never: shares code with the simulator.
 #include "model/terms.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "model/rbd.hpp"
@@ -46,6 +47,31 @@ double stiffness_nm(const hdt_arm_stiffness &k, double load_nm)
 {
     const int line = load_nm < k.t1_nm ? 0 : load_nm <= k.t2_nm ? 1 : 2;
     return stiffness_lines(k).intercept_nm[line] + k.slope[line] * load_nm;
+}
+
+double curve_nm(const hdt_arm_curve &c, double x)
+{
+    const double place = (x - c.from) / (c.to - c.from) * (HDT_ARM_CURVE_POINTS - 1);
+    const double held = std::fmin(std::fmax(place, 0), HDT_ARM_CURVE_POINTS - 1);
+    const int k = std::min(static_cast<int>(held), HDT_ARM_CURVE_POINTS - 2);
+    return c.nm[k] + (c.nm[k + 1] - c.nm[k]) * (held - k);
+}
+
+double local_nm(const hdt_arm_joint &joint, int way, double q_rad)
+{
+    double sum = joint.has_local ? curve_nm(joint.local[way], q_rad) : 0;
+    for (int i = 0; i < joint.bumps; i++) {
+        const double u = (q_rad - joint.bump[i].at_rad) / joint.bump[i].width_rad;
+        sum += joint.bump[i].torque_nm * std::exp(-0.5 * u * u);
+    }
+    return sum;
+}
+
+double table_nm(const hdt_arm_joint &joint, double q_rad, double speed_radps, double load_nm)
+{
+    const double turns = q_rad * joint.ratio / (2 * M_PI);
+    const double x[HDT_AXES] = {q_rad, load_nm, turns - std::floor(turns), speed_radps};
+    return curve_nm(joint.table, x[joint.table_axis]);
 }
 
 double spring_nm(const hdt_arm_joint &joint, double q_rad)
@@ -89,6 +115,14 @@ void joint_terms(const hdt_arm_joint &joint, const Sample &s, int j, double load
     if (joint.presliding_rad > 0)
         term[HDT_TERM_PRESLIDING] =
             -dir * joint.presliding_nm * std::exp(-s.travel[j] / joint.presliding_rad);
+    if (joint.has_stiffness && joint.windup_rad > 0) {
+        const double up = stiffness_nm(joint.stiffness[0], load_nm), down = stiffness_nm(joint.stiffness[1], load_nm);
+        const double wound = s.wound.size() > j ? s.wound[j] : dir;
+        term[HDT_TERM_STIFFNESS] = 0.5 * (up + down + wound * (up - down));
+    }
+    term[HDT_TERM_LOCAL] = dir * local_nm(joint, way, q);
+    if (joint.has_table)
+        term[HDT_TERM_TABLE] = (joint.table_directed ? dir : 1) * table_nm(joint, q, std::fabs(v), load_nm);
     term[HDT_TERM_SPRING] = spring_nm(joint, q);
     term[HDT_TERM_OFFSET] = joint.torque_offset_nm;
 }

@@ -22,6 +22,7 @@ struct Sample {
     Eigen::VectorXd q, v, a;        // output side
     Eigen::VectorXd dir;            // direction of motion, -1..1
     Eigen::VectorXd travel;         // rad since the last reversal
+    Eigen::VectorXd wound = {};     // wind-up, -1..1, of joints with a wind-up travel; empty: the direction
 };
 
 using TermTorque = std::array<double, HDT_TERMS>;
@@ -43,6 +44,13 @@ int home_line(const hdt_arm_stiffness &k);
 // The same as value of each line at zero load, N.m.
 struct StiffnessLines { double intercept_nm[3]; };
 StiffnessLines stiffness_lines(const hdt_arm_stiffness &k);
+
+// Curve at x, its ends held.
+double curve_nm(const hdt_arm_curve &c, double x);
+// Friction of the place, magnitude along motion in that direction (0 positive, 1 negative).
+double local_nm(const hdt_arm_joint &joint, int way, double q_rad);
+// The joint's free table.
+double table_nm(const hdt_arm_joint &joint, double q_rad, double speed_radps, double load_nm);
 
 // Torque of an adopted cable spring; loads the gear as gravity does.
 double spring_nm(const hdt_arm_joint &joint, double q_rad);

@@ -25,7 +25,7 @@ struct reference {
     int seen;
     int32_t count;
     uint64_t t_us;
-    double x[3], y[3], travel;
+    double x[3], y[3], travel, wound;
     int dir;
 };
 static struct walk walk;
@@ -40,7 +40,7 @@ static void start_walk(uint64_t *r)
     for (uint32_t j = 0; j < arm.joints; j++) {
         walk.phase[j] = test_uniform(r, 0, 6);
         walk.rate[j] = test_uniform(r, 0.5, 8);
-        walk.size[j] = test_uniform(r, 0.05, 0.4);
+        walk.size[j] = test_uniform(r, 0.05, 0.4) * ref_size(arm.joints);
     }
     in.mode = HDT_MODE_TORQUE;
     in.active = (1u << arm.joints) - 1;
@@ -99,6 +99,8 @@ static void follow(uint32_t j, struct ref_motion *m)
     }
     m->travel = s->travel;
     s->travel += fabs(m->v_ref) * arm.period_ns * 1e-9;
+    s->wound = fmax(-1, fmin(1, s->wound + m->v_ref * arm.period_ns * 1e-9 * D(t->windup_inv_q8, 8)));
+    m->wound = s->wound;
     m->cold = exp(walk.t * log(D(t->cold_decay_q31, 31)));
 }
 
@@ -109,7 +111,12 @@ static double run_tolerance(const struct hdt_joint_tab *t, int term, const struc
     const double q = 0x1p-24, slope = fmax(fabs(D(t->stiffness[m->dir < 0].slope_q24[0], 24)), 2);
     switch (term) {
     case HDT_TERM_GRAVITY: return chain;
-    case HDT_TERM_STIFFNESS: return 1.1 * LSB_NM + slope * chain;
+    /* the wind-up's travel loses up to half a q30 a period times 1/travel; curves move 10 N.m a knot at most */
+    case HDT_TERM_STIFFNESS: return 1.6 * LSB_NM + slope * chain + (t->windup_inv_q8 != 0 ? 1e-3 : 0);
+    case HDT_TERM_LOCAL: return 1.1 * LSB_NM + 10 / (double)(1u << t->local[m->dir < 0].shift);
+    case HDT_TERM_TABLE:
+        return 1.1 * LSB_NM + (t->axis == HDT_AXIS_PHASE || t->axis == HDT_AXIS_SPEED ? 0
+                               : 10 / (double)(1u << t->table.shift) * (t->axis == HDT_AXIS_LOAD ? chain / LSB_NM + 1 : 1));
     case HDT_TERM_LOAD: return 1.1 * LSB_NM + D(t->load_mu_q24, 24) * chain;
     case HDT_TERM_TEMPERATURE: return 1.6 * LSB_NM + 4e-5 * (fabs(D(t->cold_coulomb_q16, 16)) + fabs(D(t->cold_viscous_q16, 16) * m->v_ref));
     case HDT_TERM_PRESLIDING: return ref_tolerance(t, term) + 1e-4 * fabs(D(t->presliding_q16, 16));
@@ -125,18 +132,16 @@ static void assert_period_agrees(int n, int k)
     struct ref_motion m[HDT_JOINTS_MAX];
     double q[HDT_JOINTS_MAX] = {0}, v[HDT_JOINTS_MAX] = {0}, a[HDT_JOINTS_MAX] = {0};
     double g[HDT_JOINTS_MAX], i[HDT_JOINTS_MAX];
-    double mass = 0;
     for (uint32_t j = 0; j < arm.joints; j++) {
         follow(j, &m[j]);
         q[j] = m[j].q;
         v[j] = m[j].v_ref;
         a[j] = m[j].a_ref;
-        mass += D(arm.joint[j].mass_q20, 20);
     }
     ref_gravity(&arm, q, g);
     ref_inertia(&arm, q, v, a, i);
     const double chain = ref_gravity_tolerance(&arm);
-    const double rigid = sqrt(arm.joints) * (1 + 0.3 * arm.joints) * (2 * LSB_NM + 0x1p-20 * mass);
+    const double rigid = ref_inertia_tolerance(&arm);
     for (uint32_t j = 0; j < arm.joints; j++) {
         const struct hdt_joint_tab *t = &arm.joint[j];
         int64_t total = 0;
@@ -254,11 +259,12 @@ START_TEST(test_a_joint_alone_is_the_joint_in_the_crowd)
     for (int n = 0; n < 50; n++) {
         ref_random_arm(&r, 8, &arm);
         for (uint32_t j = 0; j < 8; j++)
-            arm.joint[j].terms &= ~(1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_INERTIA | 1u << HDT_TERM_STIFFNESS | 1u << HDT_TERM_LOAD);
+            arm.joint[j].terms &= ~(1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_INERTIA | 1u << HDT_TERM_STIFFNESS | 1u << HDT_TERM_LOAD | 1u << HDT_TERM_TABLE);
         arm.stale_periods = 100;
         alone = arm;
         alone.joints = 1;
         alone.joint[0] = arm.joint[5];
+        ref_chain_flags(&alone);
         hdt_t one;
         struct hdt_in in_one;
         struct hdt_out out_one;
@@ -416,6 +422,52 @@ START_TEST(test_lost_telegrams_do_not_look_like_speed)
 }
 END_TEST
 
+START_TEST(test_observer_knows_what_its_torque_does)
+{
+    /* a link of 2 kg.m^2 that weighs 1 N.m swings after a sine: the observed velocity is the true one, also
+     * where the torque turns; friction of the observed velocity is that velocity's */
+    plain(1);
+    struct hdt_joint_tab *t = &arm.joint[0];
+    const double dt = arm.period_ns * 1e-9, per_count = D(t->rad_per_count_q44, 44), w = 9;
+    double q = 0, v = 0, worst = 0, fastest = 0;
+    t->terms |= 1u << HDT_TERM_P | 1u << HDT_TERM_D | 1u << HDT_TERM_FRICTION;
+    t->kp_q16 = 400 << 16;
+    t->kd_q16 = 20 << 16;
+    t->dig_max = 32767;
+    t->dig_slew = 65535;
+    t->digit_per_nm_q24 = 20 << 24;
+    t->nm_per_digit_q24 = Q(0.05, 24);
+    t->inertia_inv_q20 = 1 << 19;
+    for (int k = 0; k < HDT_FRICTION_KNOTS; k++)
+        t->friction_q16[0][k] = t->friction_q16[1][k] = 3 << 16;
+    arm.observer = 1u << HDT_OBSERVED_FRICTION;
+    const double p = exp(-2 * REF_PI * 3 * dt), r = 1 - p; /* 3 Hz: twice what it follows */
+    arm.observer_gain[0] = Q(1 - p * p * p, 30);
+    arm.observer_gain[1] = Q(1.5 * r * r * (1 + p) / dt, 16);
+    arm.observer_gain[2] = Q(r * r * r / dt / dt, 8);
+    ck_assert_int_eq(hdt_init(&core, &arm), HDT_OK);
+    for (int k = 0; k * dt < 6; k++) {
+        in.count[0].raw = t->zero_cnt + (int32_t)floor(q / per_count);
+        in.q_ref[0].raw = Q(0.2 * sin(w * k * dt), 24);
+        ck_assert_int_eq(tick(), HDT_OK);
+        ck_assert_uint_eq(out.fault, 0);
+        if (k * dt > 2) {
+            const double seen = D(out.v_obs[0].raw, 24), f = D(out.term[HDT_TERM_FRICTION][0].raw, 16);
+            worst = fmax(worst, fabs(seen - v));
+            fastest = fmax(fastest, fabs(v));
+            if (fabs(seen) > 0.15) /* beyond any ramp */
+                ck_assert_double_eq_tol(f, seen > 0 ? 3 : -3, 1e-3);
+        }
+        /* what it feeds forward for friction the arm does have */
+        const double push = out.digit[0].raw * 0.05 - 1 - D(out.term[HDT_TERM_FRICTION][0].raw, 16);
+        q += v * dt + push / 2 * dt * dt / 2;
+        v += push / 2 * dt;
+    }
+    ck_assert_double_gt(fastest, 1);
+    ck_assert_double_lt(worst, 0.02 * fastest);
+}
+END_TEST
+
 START_TEST(test_velocity_mode_adds_four_per_second_of_position_error)
 {
     plain(2);
@@ -509,6 +561,9 @@ static void any_arm(uint64_t *r)
 {
     do {
         ref_random_arm(r, 1 + (uint32_t)(test_random(r) % 16), &arm);
+        arm.observer = (uint32_t)(test_random(r) % (1u << HDT_OBSERVED));
+        for (int i = 0; i < 3; i++)
+            arm.observer_gain[i] = (int32_t)(test_random(r) % ((1u << 30) + 1u));
         for (uint32_t j = 0; j < arm.joints; j++) {
             int32_t *word = (int32_t *)(void *)&arm.joint[j];
             for (int k = 0; k < 200; k++) {
@@ -622,6 +677,7 @@ static Suite *core_suite(void)
     tcase_add_test(c, test_first_count_however_far_is_no_speed);
     tcase_add_test(c, test_late_host_does_not_look_like_speed);
     tcase_add_test(c, test_lost_telegrams_do_not_look_like_speed);
+    tcase_add_test(c, test_observer_knows_what_its_torque_does);
     tcase_add_test(c, test_velocity_mode_adds_four_per_second_of_position_error);
     tcase_add_test(c, test_error_leaves_state_alone_and_output_zero);
     tcase_add_test(c, test_refused_tables_leave_a_core_that_refuses);

@@ -79,7 +79,7 @@ START_TEST(test_product_saturates_instead_of_wrapping)
 }
 END_TEST
 
-START_TEST(test_sine_and_cosine_within_4e_9)
+START_TEST(test_sine_and_cosine_within_2e_9)
 {
     uint64_t r = 4;
     double worst = 0;
@@ -92,7 +92,31 @@ START_TEST(test_sine_and_cosine_within_4e_9)
         const double x = phase * (2 * 3.14159265358979323846 * 0x1p-32);
         worst = fmax(worst, fmax(fabs(s * 0x1p-30 - sin(x)), fabs(c * 0x1p-30 - cos(x))));
     }
-    ck_assert_double_lt(worst, 4e-9);
+    ck_assert_double_lt(worst, 2e-9);
+}
+END_TEST
+
+START_TEST(test_sine_and_cosine_at_every_resolver_phase_and_every_64k_th_of_a_turn)
+{
+    /* the phases a gear of ratio one would give, and four times as many */
+    double worst = 0;
+    for (uint32_t k = 0; k < 65536; k++) {
+        int32_t s, c;
+        hdt_sin_cos((hdt_phase_t){k << 16}, &s, &c);
+        const double x = k * (2 * 3.14159265358979323846 * 0x1p-16);
+        worst = fmax(worst, fmax(fabs(s * 0x1p-30 - sin(x)), fabs(c * 0x1p-30 - cos(x))));
+        ck_assert_msg(fabs((double)s * s + (double)c * c - 0x1p60) < 4e-9 * 0x1p60, "length at %u", k);
+        ck_assert(s <= 1 << 30 && s >= -(1 << 30) && c <= 1 << 30 && c >= -(1 << 30));
+    }
+    ck_assert_double_lt(worst, 2e-9);
+}
+END_TEST
+
+START_TEST(test_small_shifts_at_every_16_bit_value)
+{
+    for (int32_t x = -32768; x <= 32767; x++)
+        for (unsigned n = 1; n <= 17; n++)
+            ck_assert(hdt_shr(x, n) == (int64_t)round_by_division(x, n));
 }
 END_TEST
 
@@ -136,7 +160,9 @@ static Suite *q_suite(void)
     tcase_add_test(c, test_shift_is_division_rounded_to_nearest);
     tcase_add_test(c, test_saturation_is_symmetric_and_exact_inside);
     tcase_add_test(c, test_product_saturates_instead_of_wrapping);
-    tcase_add_test(c, test_sine_and_cosine_within_4e_9);
+    tcase_add_test(c, test_sine_and_cosine_within_2e_9);
+    tcase_add_test(c, test_sine_and_cosine_at_every_resolver_phase_and_every_64k_th_of_a_turn);
+    tcase_add_test(c, test_small_shifts_at_every_16_bit_value);
     tcase_add_test(c, test_whole_quarters_are_exact);
     tcase_add_test(c, test_exponential_falls_from_one_to_nothing);
     suite_add_tcase(s, c);

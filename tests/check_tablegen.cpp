@@ -13,7 +13,10 @@
 #include <cstring>
 #include <fstream>
 #include <functional>
+#include <iterator>
+#include <map>
 #include <memory>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -69,6 +72,23 @@ static hdt_arm with_all_effects()
         joint.lines = 2;
         joint.line[0] = {100.5, 0.6, 0.2, 1};
         joint.line[1] = {1.5, 0.5, -0.4, 0};
+        joint.windup_rad = 2e-3;
+        joint.bumps = 1;
+        joint.bump[0] = {2, 0.1, 0.2};
+        joint.has_local = joint.has_table = joint.table_directed = 1;
+        joint.table_axis = j % HDT_AXES;
+        const double to[HDT_AXES] = {1, 40, 1, 2};
+        joint.table.from = joint.table_axis == HDT_AXIS_PHASE ? 0 : 0.1;
+        joint.table.to = to[joint.table_axis];
+        for (int way = 0; way < 2; way++) {
+            joint.local[way].from = -1;
+            joint.local[way].to = 1.5;
+        }
+        for (int k = 0; k < HDT_ARM_CURVE_POINTS; k++) {
+            joint.local[0].nm[k] = 1 + std::sin(0.3 * k);
+            joint.local[1].nm[k] = 2 + std::sin(0.2 * k);
+            joint.table.nm[k] = std::sin(2 * M_PI * k / 64);
+        }
     }
     arm.payload_kg = 2;
     arm.payload_com_m[0] = 0.03;
@@ -81,8 +101,8 @@ static hdt::Sample random_step(const hdt_arm &arm, const hdt_tables &tables, uin
                                hdt_out *out)
 {
     const double counts_per_turn = 16384 * 50;
-    hdt::Sample s{0, {}, {}, {}, {}, {}};
-    for (Eigen::VectorXd *x : {&s.q, &s.v, &s.a, &s.dir, &s.travel})
+    hdt::Sample s{0, {}, {}, {}, {}, {}, {}};
+    for (Eigen::VectorXd *x : {&s.q, &s.v, &s.a, &s.dir, &s.travel, &s.wound})
         *x = Eigen::VectorXd::Zero(arm.joints);
     hdt_in in = {};
     in.t_us = 1;
@@ -99,6 +119,8 @@ static hdt::Sample random_step(const hdt_arm &arm, const hdt_tables &tables, uin
         s.q[j] = in.count[j].raw / counts_per_turn * 2 * M_PI;
         s.v[j] = std::ldexp(in.v_ref[j].raw, -24);
         s.a[j] = std::ldexp(in.a_ref[j].raw, -16);
+        if (arm.joint[j].windup_rad > 0)
+            s.wound[j] = std::max(-1.0, std::min(1.0, s.v[j] / 700 / arm.joint[j].windup_rad));
         s.dir[j] = std::max(-1.0, std::min(1.0, s.v[j] / hdt::TableDefaults::v_ramp_radps));
         in.q_ref[j].raw = static_cast<int32_t>(std::lround(std::ldexp(s.q[j], 24)));
     }
@@ -121,6 +143,8 @@ START_TEST(test_the_core_computes_every_term_of_the_model)
     bound[HDT_TERM_FRICTION] += r.friction_nm;
     bound[HDT_TERM_RIPPLE] += r.ripple_nm;
     bound[HDT_TERM_LINES] += r.lines_nm;
+    bound[HDT_TERM_LOCAL] += r.curves_nm;
+    bound[HDT_TERM_TABLE] += r.curves_nm;
     // the load comes with the error of gravity and of a spring's rate and angle
     double steepest = 0;
     for (const hdt_arm_joint &j : arm.joint)
@@ -298,20 +322,18 @@ START_TEST(test_payload_is_a_heavier_last_link)
         link.inertia_kgm2[i] +=
             m * ((row[i] == column[i] ? square : 0) - at[row[i]] * at[column[i]]);
     const Made a = make(with_payload), b = make(with_link);
-    for (int j = 0; j < 7; j++)
-        for (int i = 0; i < 6; i++) {
-            ck_assert_int_le(std::abs(a.tables->joint[j].mass_q20 - b.tables->joint[j].mass_q20),
-                             1);
-            ck_assert_int_le(std::abs(a.tables->joint[j].moment_q20[i % 3]
-                                      - b.tables->joint[j].moment_q20[i % 3]),
-                             1);
-            ck_assert_int_le(
-                std::abs(a.tables->joint[j].inertia_q20[i] - b.tables->joint[j].inertia_q20[i]), 1);
-            ck_assert_int_le(std::abs(a.tables->joint[j].hold_moment_q20[i % 3]
-                                      - b.tables->joint[j].hold_moment_q20[i % 3]),
-                             1);
-        }
-    ck_assert_int_gt(a.tables->joint[6].mass_q20, make(pa10()).tables->joint[6].mass_q20);
+    for (int j = 0; j < 7; j++) {
+        const hdt_joint_tab &one = a.tables->joint[j], &other = b.tables->joint[j];
+        for (int i = 0; i < 2; i++)
+            ck_assert_int_le(std::abs(one.moment_q20[i] - other.moment_q20[i]), 1);
+        for (int i = 0; i < 5; i++)
+            ck_assert_int_le(std::abs(one.second_q20[i] - other.second_q20[i]), 1);
+    }
+    // and it is there: what lies off the last axis, and what is booked onto links before
+    const Made without = make(pa10());
+    ck_assert_int_ne(a.tables->joint[6].moment_q20[0], without.tables->joint[6].moment_q20[0]);
+    ck_assert_int_ne(a.tables->joint[1].moment_q20[0] + a.tables->joint[1].moment_q20[1],
+                     without.tables->joint[1].moment_q20[0] + without.tables->joint[1].moment_q20[1]);
 }
 END_TEST
 
@@ -397,7 +419,7 @@ static const Refused refused_table[] = {
     {[](hdt_arm *a) { a->joint[1].ratio = 20000; },
      "joint.2.gear.ratio: expected a number from 2 to 10000"},
     {[](hdt_arm *a) { a->joint[1].kp_m_nmprad = 700; },
-     "joint.2.feedback.kp (times ratio): expected a number from 0 to 32768"},
+     "joint.2.feedback.kp (times ratio): expected a number from 0 to 16384"},
     {[](hdt_arm *a) { a->joint[1].kd_m_nmspr = INFINITY; },
      "joint.2.feedback.kd (times ratio): expected a number"},
     {[](hdt_arm *a) { a->joint[1].tau_max_m_nm = 0; },
@@ -407,6 +429,20 @@ static const Refused refused_table[] = {
      "tables, found 33"},
     {[](hdt_arm *a) { a->joint[1].v_max_radps = 110; },
      "joint.2.limits.speed (times 1.2): expected a number from -128 to 128"},
+    {[](hdt_arm *a) { a->joint[1].v_max_radps = 40; },
+     "joint.5.limits.speed: expected joint speeds"},
+    {[](hdt_arm *a) {
+         a->joint[1].moment_kgm[0] = 1000;
+         a->joint[2].moment_kgm[0] = 1000;
+     },
+     "joint.3.link.com: expected a holding torque below 16384 N.m"},
+    {[](hdt_arm *a) { a->joint[6].inertia_kgm2[0] = 2000; },
+     "joint.6.link.inertia: expected forces"},
+    {[](hdt_arm *a) {
+         a->joint[1].spring_nmprad = 10;
+         a->joint[1].stiffness[0].slope[1] = 100;
+     },
+     "joint.2.stiffness: expected lines below 32767 N.m"},
     {[](hdt_arm *a) { a->joint[1].q_max_rad = 130; },
      "joint.2.limits.position: expected a number from -128 to 128"},
     {[](hdt_arm *a) { a->joint[1].mass_kg = 3000; }, "joint.2.link.mass: expected a number from"},
@@ -530,49 +566,137 @@ START_TEST(test_image_is_laid_out_as_documented)
     const hdt_tables &t = *made.tables;
     std::vector<uint8_t> image(hdt_tables_size(7));
     hdt_tables_write(&t, image.data(), image.size());
-    ck_assert_uint_eq(image.size(), 120 + 3440 * 7 + 4);
-    ck_assert(std::memcmp(image.data(), "HDTM\1\0\0\0", 8) == 0);
+    ck_assert_uint_eq(image.size(), 136 + 4986 * 7 + 4);
+    ck_assert(std::memcmp(image.data(), "HDTM\2\0\0\0", 8) == 0);
     ck_assert(std::memcmp(&image[8], t.digest, 32) == 0);
     ck_assert(std::memcmp(&image[40], "pa10\0", 5) == 0);
     ck_assert_int_eq(word_at(image, 72), 7);
     ck_assert_int_eq(word_at(image, 80), 700 << 16);
     ck_assert_int_eq(word_at(image, 116), t.biquad_q28[4]);
-    const std::size_t joint = 120 + 3440;
+    ck_assert_int_eq(word_at(image, 120), static_cast<int32_t>(t.observer));
+    ck_assert_int_eq(word_at(image, 132), t.observer_gain[2]);
+    const std::size_t joint = 136 + 4986;
     const hdt_joint_tab &tab = t.joint[1];
     const std::pair<std::size_t, int32_t> words[] = {
         {0, static_cast<int32_t>(tab.terms)},
         {12, static_cast<int32_t>(tab.rad_per_count_q44)},
-        {24, tab.rot_q30[0]},
-        {60, tab.trans_q24[0]},
-        {72, tab.mass_q20},
-        {80, tab.moment_q20[1]},
-        {88, tab.inertia_q20[0]},
-        {116, tab.hold_moment_q20[1]},
-        {124, tab.rotor_q20},
-        {128, tab.v_ramp_inv_q16},
-        {132, static_cast<int32_t>(tab.friction_shift)},
-        {136 + 4 * 129, tab.friction_q16[1][0]},
-        {1164, tab.friction_q16[1][128]},
-        {3216, tab.stiffness[0].t1_q16},
-        {3248, tab.stiffness[1].t1_q16},
-        {3276, tab.stiffness[1].slope_q24[2]},
-        {3280, 2},
-        {3292, tab.line[0].amplitude_q16},
-        {3304 + 8, tab.line[1].amplitude_q16},
-        {3364, tab.load_mu_q24},
-        {3376, tab.cold_decay_q31},
-        {3384, tab.presliding_inv_q8},
-        {3396, tab.offset_q16},
-        {3400, tab.kp_q16},
-        {3408, tab.digit_per_nm_q24},
-        {3412, tab.dig_max},
-        {3428, tab.q_max_q24},
-        {3436, tab.follow_max_q24}};
+        {24, static_cast<int32_t>(tab.chain)},
+        {28, static_cast<int32_t>(tab.phase0)},
+        {32, tab.twist_cos_q30},
+        {36, tab.twist_sin_q30},
+        {40, tab.step_q24[0]},
+        {48, tab.moment_q20[0]},
+        {56, tab.second_q20[0]},
+        {72, tab.second_q20[4]},
+        {76, tab.rotor_q20},
+        {80, tab.v_lim_q24},
+        {84, tab.a_lim_q16},
+        {88, tab.v_ramp_inv_q16},
+        {92, static_cast<int32_t>(tab.friction_shift)},
+        {96 + 4 * 129, tab.friction_q16[1][0]},
+        {1124, tab.friction_q16[1][128]},
+        {3176, tab.stiffness[0].t1_q16},
+        {3208, tab.stiffness[1].t1_q16},
+        {3236, tab.stiffness[1].slope_q24[2]},
+        {3240, tab.windup_inv_q8},
+        {3244, 2},
+        {3256, tab.line[0].amplitude_q16},
+        {3268 + 8, tab.line[1].amplitude_q16},
+        {3328, tab.load_mu_q24},
+        {3340, tab.cold_decay_q31},
+        {3348, tab.presliding_inv_q8},
+        {3360, tab.offset_q16},
+        {3364, tab.kp_q16},
+        {3372, tab.inertia_inv_q20},
+        {3376, tab.nm_per_digit_q24},
+        {3380, tab.digit_per_nm_q24},
+        {3384, tab.dig_max},
+        {3400, tab.q_max_q24},
+        {3408, tab.follow_max_q24},
+        {3412, tab.local[0].start},
+        {3416 + 522, static_cast<int32_t>(tab.local[1].shift)},
+        {3412 + 2 * 522, tab.table.start},
+        {4978, static_cast<int32_t>(tab.axis)},
+        {4982, static_cast<int32_t>(tab.directed)}};
     for (const auto &[at, value] : words)
         ck_assert_msg(word_at(image, joint + at) == value, "offset %zu: %d, not %d", at,
                       word_at(image, joint + at), value);
-    ck_assert_int_eq(static_cast<int16_t>(image[joint + 3214] | image[joint + 3215] << 8),
+    ck_assert_int_eq(static_cast<int16_t>(image[joint + 3174] | image[joint + 3175] << 8),
                      tab.ripple_q8[1023]);
+}
+END_TEST
+
+// ---- effects the diagnosis knows ----
+
+// An arm file with one more effect on joint 2.
+static std::string with_effect(const std::string &id, const std::string &numbers)
+{
+    std::ifstream in("model/arms/pa10.toml");
+    const std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+    std::string out, line;
+    int joint = 0;
+    for (std::istringstream lines(text); std::getline(lines, line);) {
+        if (line == "[[joint]]" && ++joint == 3)
+            out += "[[joint.effect]]\nid = \"" + id + "\"\n" + numbers;
+        out += line + "\n";
+    }
+    return out;
+}
+
+START_TEST(test_every_effect_of_the_diagnosis_has_a_term_or_is_refused_by_name)
+{
+    // numbers of those a joint's effect can hold; payload, link_mass and base_tilt change the arm itself
+    static const std::map<std::string, std::pair<std::string, uint32_t>> held = {
+        {"torque_gain", {"gain", 0}},
+        {"torque_offset", {"torque", 1u << HDT_TERM_OFFSET}},
+        {"load_friction", {"mu", 1u << HDT_TERM_LOAD}},
+        {"temperature", {"coulomb viscous time_constant", 1u << HDT_TERM_TEMPERATURE}},
+        {"presliding", {"torque travel", 1u << HDT_TERM_PRESLIDING}},
+        {"cable_spring", {"stiffness rest", 1u << HDT_TERM_SPRING}},
+        {"inertia", {"inertia", 0}},
+        {"local_friction", {"torque at width", 1u << HDT_TERM_LOCAL}},
+        {"order_line", {"order amplitude phase directed", 1u << HDT_TERM_LINES}},
+    };
+    static const char *const ids[] = {
+        "payload", "link_mass", "base_tilt", "joint_offset", "cable_spring", "torque_gain",
+        "torque_offset", "torque_saturation", "torque_delay", "load_friction", "drive_efficiency",
+        "viscous_nonlinear", "stribeck_shape", "temperature", "presliding", "local_friction",
+        "order_line", "ripple_load", "ripple_speed", "inertia", "coupling", "eccentricity",
+        "external_vibration", "soft_windup"};
+    static const std::map<std::string, std::string> unit = {
+        {"gain", "1"}, {"torque", "N m"}, {"mu", "N m/N m"}, {"coulomb", "N m"},
+        {"viscous", "N m s/rad"}, {"time_constant", "s"}, {"travel", "rad"}, {"stiffness", "N m/rad"},
+        {"rest", "rad"}, {"inertia", "kg m^2"}, {"at", "rad"}, {"width", "rad"}, {"order", "1"},
+        {"amplitude", "N m"}, {"phase", "rad"}};
+    const std::string path = scratch_dir() + "/arm.toml";
+    const uint32_t plain = make(pa10()).tables->joint[1].terms;
+    int terms = 0;
+    for (const char *id : ids) {
+        const auto at = held.find(id);
+        std::string numbers;
+        if (at != held.end()) {
+            std::istringstream names(at->second.first);
+            for (std::string name; names >> name;)
+                numbers += name == "directed"
+                               ? "directed = true\n"
+                               : name + " = { value = 0.5, unit = \"" + unit.at(name)
+                                     + "\", confidence = \"low\", source = \"MHI\" }\n";
+        }
+        std::ofstream(path) << with_effect(id, numbers);
+        auto arm = std::make_unique<hdt_arm>();
+        char err[400] = "";
+        const int result = hdt_arm_load(path.c_str(), arm.get(), err, sizeof err);
+        if (at == held.end()) {
+            ck_assert_msg(result == -1, "%s was taken in silence", id);
+            ck_assert_msg(std::strstr(err, id) != nullptr, "%s is not named: %s", id, err);
+            continue;
+        }
+        ck_assert_msg(result == 0, "%s: %s", id, err);
+        const uint32_t now = make(*arm).tables->joint[1].terms;
+        ck_assert_msg(now == (plain | at->second.second), "%s: terms %x", id, now);
+        terms++;
+    }
+    ck_assert_int_eq(terms, 9);
 }
 END_TEST
 
@@ -594,6 +718,7 @@ static Suite *tablegen_suite(void)
     tcase_add_loop_test(refusals, test_what_does_not_fit_is_refused_by_name, 0,
                         static_cast<int>(sizeof refused_table / sizeof *refused_table));
     suite_add_tcase(suite, refusals);
+    tcase_add_test(refusals, test_every_effect_of_the_diagnosis_has_a_term_or_is_refused_by_name);
     TCase *ways = tcase_create("ways");
     tcase_add_test(ways, test_same_model_same_bytes);
     tcase_add_test(ways, test_image_is_laid_out_as_documented);

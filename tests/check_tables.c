@@ -77,11 +77,11 @@ START_TEST(test_bytes_are_where_the_format_says)
     ck_assert_uint_eq(get32(image + 72), 2);
     ck_assert_uint_eq(get32(image + 76), arm.period_ns);
     ck_assert_uint_eq(get32(image + 80), arm.rate_q16);
-    ck_assert_uint_eq(get32(image + 120), arm.joint[0].terms);
-    ck_assert_uint_eq(get32(image + 124), (uint32_t)arm.joint[0].sign);
-    ck_assert_uint_eq(get32(image + 132), arm.joint[0].rad_per_count_q44);
-    ck_assert_uint_eq(get32(image + 136), (uint32_t)arm.joint[0].phase_per_count_q24);
-    ck_assert_uint_eq(get32(image + 140), (uint32_t)(arm.joint[0].phase_per_count_q24 >> 32));
+    ck_assert_uint_eq(get32(image + 136), arm.joint[0].terms);
+    ck_assert_uint_eq(get32(image + 140), (uint32_t)arm.joint[0].sign);
+    ck_assert_uint_eq(get32(image + 148), arm.joint[0].rad_per_count_q44);
+    ck_assert_uint_eq(get32(image + 152), (uint32_t)arm.joint[0].phase_per_count_q24);
+    ck_assert_uint_eq(get32(image + 156), (uint32_t)(arm.joint[0].phase_per_count_q24 >> 32));
     ck_assert_uint_eq(get32(image + size - 8), (uint32_t)arm.joint[1].follow_max_q24);
     ck_assert_uint_eq(get32(image + size - 4), crc_by_table(image, size - 4));
     ck_assert_uint_eq(crc_by_table((const uint8_t *)"123456789", 9), 0xcbf43926u);
@@ -199,20 +199,14 @@ struct edge { const char *name; size_t at; int64_t lo, hi; };
 #define JOINT(m, k, lo, hi) {#m, offsetof(struct hdt_joint_tab, m) + 4 * (k), lo, hi}
 static const struct edge head_edges[] = {
     HEAD(joints, 0, 1, 16), HEAD(stale_periods, 0, 1, 1000000),
-    HEAD(gravity_q24, 2, -(1 << 30), 1 << 30),
 };
 static const struct edge joint_edges[] = {
     JOINT(terms, 0, 0, (1 << HDT_TERMS) - 1),
     JOINT(zero_cnt, 0, -INT32_MAX, INT32_MAX),
-    JOINT(trans_q24, 2, -INT32_MAX, INT32_MAX),
-    JOINT(mass_q20, 0, 0, INT32_MAX),
-    JOINT(moment_q20, 1, -INT32_MAX, INT32_MAX),
-    JOINT(inertia_q20, 5, -(1 << 29), 1 << 29),
     JOINT(rotor_q20, 0, 0, INT32_MAX),
     JOINT(v_ramp_inv_q16, 0, 1, INT32_MAX),
-    JOINT(friction_shift, 0, 1, 23),
-    JOINT(friction_q16[1], 128, -(1 << 30), 1 << 30),
-    JOINT(stiffness[1], 7, -INT32_MAX, INT32_MAX),
+    JOINT(friction_q16[1], 60, -(1 << 30), 1 << 30),
+    JOINT(stiffness[1], 0, -INT32_MAX, 0), /* t1, with t2 = 0 */
     JOINT(lines, 0, 0, 4),
     JOINT(load_mu_q24, 0, 0, INT32_MAX),
     JOINT(cold_coulomb_q16, 0, -INT32_MAX, INT32_MAX),
@@ -223,8 +217,8 @@ static const struct edge joint_edges[] = {
     JOINT(spring_q16, 0, -INT32_MAX, INT32_MAX),
     JOINT(spring_q0_q24, 0, -INT32_MAX, INT32_MAX),
     JOINT(offset_q16, 0, -INT32_MAX, INT32_MAX),
-    JOINT(kp_q16, 0, 0, INT32_MAX),
-    JOINT(kd_q16, 0, 0, INT32_MAX),
+    JOINT(kp_q16, 0, 0, 1 << 30),
+    JOINT(kd_q16, 0, 0, 1 << 30),
     JOINT(digit_per_nm_q24, 0, 1, INT32_MAX),
     JOINT(dig_max, 0, 1, 32767),
     JOINT(dig_slew, 0, 1, 65535),
@@ -258,6 +252,8 @@ START_TEST(test_check_draws_every_line_where_it_says)
 {
     uint64_t r = 8;
     ref_random_arm(&r, 16, &arm);
+    arm.joint[1].stiffness[1].t2_q16 = 0;
+    arm.joint[1].stiffness[1].t1_q16 = -1;
     for (size_t k = 0; k < sizeof head_edges / sizeof head_edges[0]; k++)
         assert_edge(&head_edges[k], &arm, -1);
     for (size_t k = 0; k < sizeof joint_edges / sizeof joint_edges[0]; k++)
@@ -300,15 +296,22 @@ START_TEST(test_check_names_what_does_not_fit_together)
     TRY(j->phase_per_count_q24 += j->phase_per_count_q24 / 20000, "phase_per_count_q24", 2);
     TRY(j->phase_per_count_q24 -= j->phase_per_count_q24 / 20000, "phase_per_count_q24", 2);
     TRY(j->phase_per_count_q24 = (uint64_t)1 << 63, "phase_per_count_q24", 2);
-    TRY(j->rot_q30[4] += 1 << 12, "rot_q30", 2);
-    TRY(j->rot_q30[4] = -j->rot_q30[4], "rot_q30", 2);
+    TRY((j->twist_cos_q30 = 0, j->twist_sin_q30 = (1 << 30) - (1 << 12)), "twist_cos_q30", 2);
+    TRY((j->twist_cos_q30 = 1 << 21, j->twist_sin_q30 = 1 << 30), "twist_cos_q30", 2);
+    for (int bit = 0; bit < 5; bit++)
+        TRY(j->chain ^= 1u << bit, "chain", 2);
     TRY((j->stiffness[0].t1_q16 = 5, j->stiffness[0].t2_q16 = 4), "stiffness", 2);
     TRY((j->stiffness[1].t1_q16 = 5, j->stiffness[1].t2_q16 = 4), "stiffness", 2);
     TRY((j->lines = 4, j->line[3].directed = 2), "directed", 2);
     TRY((j->lines = 4, j->line[3].amplitude_q16 = INT32_MIN), "amplitude_q16", 2);
     TRY((j->lines = 4, j->line[3].phase_per_count_q24 = (uint64_t)1 << 56), "line.phase_per_count_q24", 2);
     TRY(j->q_max_q24 = j->q_min_q24, "q_min_q24", 2);
-    TRY(j->hold_moment_q20[0] = 1 << 30, "hold_moment_q20", 2);
+    TRY(j->moment_q20[0] = 1 << 30, "moment_q20", 2);
+    /* the friction's last slope runs out of the format before the speed limit */
+    TRY((j->friction_shift = 10, j->friction_q16[1][128] = j->friction_q16[1][127] + (1 << 20)), "friction_q16", 2);
+    /* a wind-up line does at the largest load */
+    TRY(j->stiffness[0].slope_q24[1] = INT32_MAX, "stiffness", 2);
+    TRY(j->stiffness[1].intercept_q16[2] = INT32_MAX, "stiffness", 2);
     ref_random_arm(&r, 4, &arm);
     arm.magic ^= 1;
     assert_wrong("magic", -1, HDT_TABLES_NOT_OURS);
@@ -335,18 +338,65 @@ START_TEST(test_any_stable_low_pass_is_accepted)
 }
 END_TEST
 
-START_TEST(test_mirrored_axes_are_no_rotation)
+/* Largest value of a member, by bisection, that is accepted; the next one names the member. */
+static int64_t largest_accepted(int32_t *at, const char *name, int joint)
 {
-    /* a reflection passes every length and angle test; only its handedness is wrong */
-    uint64_t r = 10;
-    for (int n = 0; n < 500; n++) {
-        ref_random_arm(&r, 1, &arm);
-        ck_assert_int_eq(hdt_tables_check(&arm, NULL, NULL), HDT_TABLES_OK);
-        const int column = n % 3;
-        for (int i = 0; i < 3; i++)
-            arm.joint[0].rot_q30[3 * i + column] = -arm.joint[0].rot_q30[3 * i + column];
-        assert_wrong("rot_q30", 0, HDT_TABLES_RANGE);
+    const int32_t before = *at;
+    int64_t ok = before, bad = (int64_t)INT32_MAX + 1;
+    while (bad - ok > 1) {
+        *at = (int32_t)((ok + bad) / 2);
+        if (hdt_tables_check(&arm, NULL, NULL) == HDT_TABLES_OK)
+            ok = *at;
+        else
+            bad = *at;
     }
+    ck_assert_msg(bad <= INT32_MAX, "%s is never refused", name);
+    *at = (int32_t)bad;
+    const char *where = "";
+    int found = -2;
+    ck_assert_int_eq(hdt_tables_check(&arm, &where, &found), HDT_TABLES_RANGE);
+    ck_assert_str_eq(where, name);
+    ck_assert_int_eq(found, joint);
+    *at = before;
+    return ok;
+}
+
+START_TEST(test_an_arm_too_fast_or_too_heavy_for_the_sums_is_refused)
+{
+    /* one slow link, then a fast one with a step: the bounds by hand */
+    uint64_t r = 10;
+    ref_random_arm(&r, 2, &arm);
+    struct hdt_joint_tab *a = &arm.joint[0], *b = &arm.joint[1];
+    for (int i = 0; i < 3; i++)
+        arm.gravity_q24[i] = i == 2 ? -(10 << 24) : 0;
+    for (int j = 0; j < 2; j++) {
+        struct hdt_joint_tab *k = &arm.joint[j];
+        memset(k->moment_q20, 0, sizeof k->moment_q20);
+        memset(k->second_q20, 0, sizeof k->second_q20);
+        k->step_q24[0] = k->step_q24[1] = 0;
+        k->v_lim_q24 = 1 << 24;
+        k->a_lim_q16 = 10 << 16;
+        k->friction_shift = 23;
+    }
+    b->step_q24[0] = 1 << 24;
+    ref_chain_flags(&arm);
+    ck_assert_int_eq(hdt_tables_check(&arm, NULL, NULL), HDT_TABLES_OK);
+
+    /* all links together at most 60 rad/s */
+    ck_assert_double_eq_tol(D(largest_accepted(&b->v_lim_q24, "v_lim_q24", 1), 24), 59, 0.01);
+    /* |U| <= 10 + a + 2 (1 + 1)^2 rad/s^2 below 7936 */
+    ck_assert_double_eq_tol(D(largest_accepted(&b->a_lim_q16, "a_lim_q16", 1), 16), 7936 - 10 - 8, 1);
+    /* |a| <= (1000 + 2) rad/s^2 * step below 7936 m/s^2 */
+    a->a_lim_q16 = 1000 << 16;
+    ck_assert_double_eq_tol(D(largest_accepted(&b->step_q24[0], "step_q24", 1), 24), 7936 / 1002.0, 0.01);
+    a->a_lim_q16 = 10 << 16;
+    /* g h below 16384 N.m */
+    ck_assert_double_eq_tol(D(largest_accepted(&b->moment_q20[0], "moment_q20", 1), 20), 1024, 1);
+    b->a_lim_q16 = 100 << 16;
+    /* moments of force below 31 << 12 N.m: (10 + 100 + 8) rad/s^2 * 2 * second */
+    b->chain |= HDT_CHAIN_SKEW;
+    b->second_q20[1] = 1;
+    ck_assert_double_eq_tol(D(largest_accepted(&b->second_q20[1], "second_q20", 1), 20), 126976 / 236.0, 1);
 }
 END_TEST
 
@@ -377,7 +427,7 @@ static Suite *tables_suite(void)
     tcase_add_test(c, test_check_draws_every_line_where_it_says);
     tcase_add_test(c, test_check_names_what_does_not_fit_together);
     tcase_add_test(c, test_any_stable_low_pass_is_accepted);
-    tcase_add_test(c, test_mirrored_axes_are_no_rotation);
+    tcase_add_test(c, test_an_arm_too_fast_or_too_heavy_for_the_sums_is_refused);
     tcase_add_test(c, test_every_error_has_its_words);
     suite_add_tcase(s, i);
     suite_add_tcase(s, c);

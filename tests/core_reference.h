@@ -33,22 +33,47 @@ static inline void ref_butterworth(double cutoff_hz, double rate_hz, double b[5]
     b[4] = (1 - sqrt(2) * k + k * k) * n;
 }
 
-static inline void ref_random_rotation(uint64_t *r, int32_t rot_q30[9])
+/* The more links the smaller and slower, or the sums of the chain have no room. */
+static inline double ref_size(uint32_t joints)
 {
-    double q[4], len = 0;
-    for (int i = 0; i < 4; i++) {
-        q[i] = test_uniform(r, -1, 1);
-        len += q[i] * q[i];
-    }
-    const double w = q[0] / sqrt(len), x = q[1] / sqrt(len), y = q[2] / sqrt(len), z = q[3] / sqrt(len);
-    const double m[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-                         2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-                         2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)};
-    for (int i = 0; i < 9; i++)
-        rot_q30[i] = Q(m[i], 30);
+    return joints <= 5 ? 1 : 5.0 / joints;
 }
 
-static inline void ref_random_joint(uint64_t *r, struct hdt_joint_tab *j, double ratio)
+/* A twist of any angle, every other a quarter turn; every third link starts where the one before does;
+ * every other has no products of inertia. */
+static inline void ref_random_link(uint64_t *r, struct hdt_joint_tab *j, double size)
+{
+    const double twist = test_uniform(r, -REF_PI, REF_PI);
+    const int right = test_random(r) & 1, step = test_random(r) % 3 != 0, skew = test_random(r) & 1;
+    j->phase0 = (uint32_t)test_random(r);
+    j->twist_cos_q30 = right ? 0 : Q(cos(twist), 30);
+    j->twist_sin_q30 = right ? 1 << 30 : Q(sin(twist), 30);
+    for (int i = 0; i < 2; i++) {
+        j->step_q24[i] = step ? Q(size * test_uniform(r, -0.5, 0.5), 24) : 0;
+        j->moment_q20[i] = Q(size * test_uniform(r, -5, 5), 20);
+    }
+    for (int i = 0; i < 5; i++)
+        j->second_q20[i] = skew || i == 0 || i == 3 ? Q(size * test_uniform(r, -1, 1), 20) : 0;
+    j->rotor_q20 = Q(test_uniform(r, 0, 2), 20);
+}
+
+/* What the flags must say. */
+static inline void ref_chain_flags(struct hdt_tables *t)
+{
+    uint32_t far = 0;
+    for (uint32_t j = 0; j < t->joints; j++) {
+        struct hdt_joint_tab *k = &t->joint[j];
+        const int step = j > 0 && (k->step_q24[0] || k->step_q24[1]);
+        far |= step ? HDT_CHAIN_FAR : 0;
+        k->chain = far | (step ? HDT_CHAIN_STEP : 0);
+        if (k->twist_cos_q30 == 0 && k->twist_sin_q30 == 1 << 30)
+            k->chain |= HDT_CHAIN_RIGHT;
+        if (k->second_q20[1] || k->second_q20[2] || k->second_q20[4])
+            k->chain |= HDT_CHAIN_SKEW;
+    }
+}
+
+static inline void ref_random_joint(uint64_t *r, struct hdt_joint_tab *j, double ratio, double size)
 {
     const double counts = ratio * 16384;
     j->terms = (1u << HDT_TERMS) - 1;
@@ -56,15 +81,9 @@ static inline void ref_random_joint(uint64_t *r, struct hdt_joint_tab *j, double
     j->zero_cnt = (int32_t)test_uniform(r, -3e5, 3e5);
     j->rad_per_count_q44 = (uint32_t)llrint(2 * REF_PI / counts * 0x1p44);
     j->phase_per_count_q24 = (uint64_t)llrint(0x1p56 / counts);
-    ref_random_rotation(r, j->rot_q30);
-    j->mass_q20 = Q(test_uniform(r, 0, 8), 20);
-    for (int i = 0; i < 3; i++) {
-        j->trans_q24[i] = Q(test_uniform(r, -0.5, 0.5), 24);
-        j->moment_q20[i] = Q(test_uniform(r, -3, 3), 20);
-    }
-    for (int i = 0; i < 6; i++)
-        j->inertia_q20[i] = Q(test_uniform(r, -1, 1), 20);
-    j->rotor_q20 = Q(test_uniform(r, 0, 2), 20);
+    ref_random_link(r, j, size);
+    j->v_lim_q24 = Q(4 * size, 24);
+    j->a_lim_q16 = Q(32 * size, 16);
     j->v_ramp_inv_q16 = Q(1 / test_uniform(r, 0.001, 0.1), 16);
     j->friction_shift = 14 + (uint32_t)(test_random(r) % 6);
     for (int d = 0; d < 2; d++) {
@@ -80,6 +99,17 @@ static inline void ref_random_joint(uint64_t *r, struct hdt_joint_tab *j, double
     }
     for (int k = 0; k < HDT_RIPPLE_KNOTS; k++)
         j->ripple_q8[k] = (int16_t)Q(test_uniform(r, -5, 5), 8);
+    j->windup_inv_q8 = test_random(r) & 1 ? Q(1 / test_uniform(r, 1e-4, 0.05), 8) : 0;
+    struct hdt_curve_tab *const curve[] = {&j->local[0], &j->local[1], &j->table};
+    j->axis = (uint32_t)(test_random(r) % HDT_AXES);
+    j->directed = test_random(r) & 1;
+    for (int c = 0; c < 3; c++) {
+        const int phase = c == 2 && j->axis == HDT_AXIS_PHASE;
+        curve[c]->start = phase ? 0 : Q(test_uniform(r, -4, 0), 24);
+        curve[c]->shift = phase ? 6 : 16 + (uint32_t)(test_random(r) % 3);
+        for (int k = 0; k < HDT_CURVE_KNOTS; k++)
+            curve[c]->value_q8[k] = (int16_t)Q(test_uniform(r, -5, 5), 8);
+    }
     j->lines = (uint32_t)(test_random(r) % (HDT_LINES_MAX + 1));
     for (uint32_t k = 0; k < HDT_LINES_MAX; k++) {
         j->line[k].amplitude_q16 = Q(test_uniform(r, -8, 8), 16);
@@ -112,7 +142,7 @@ static inline void ref_random_joint(uint64_t *r, struct hdt_joint_tab *j, double
 static inline void ref_random_arm(uint64_t *r, uint32_t joints, struct hdt_tables *t)
 {
     const double rate_hz = test_uniform(r, 200, 2000);
-    double b[5], later = 0;
+    double b[5];
     memset(t, 0, sizeof *t);
     t->magic = HDT_TABLES_MAGIC;
     t->layout = HDT_TABLES_LAYOUT;
@@ -129,16 +159,8 @@ static inline void ref_random_arm(uint64_t *r, uint32_t joints, struct hdt_table
     for (int i = 0; i < 5; i++)
         t->biquad_q28[i] = Q(b[i], 28);
     for (uint32_t j = 0; j < joints; j++)
-        ref_random_joint(r, &t->joint[j], test_uniform(r, 30, 320));
-
-    /* first moment of the link and of all later mass hung on the next origin */
-    for (uint32_t j = joints; j-- > 0;) {
-        for (int i = 0; i < 3; i++) {
-            const double p = j + 1 < joints ? D(t->joint[j + 1].trans_q24[i], 24) : 0;
-            t->joint[j].hold_moment_q20[i] = Q(D(t->joint[j].moment_q20[i], 20) + later * p, 20);
-        }
-        later += D(t->joint[j].mass_q20, 20);
-    }
+        ref_random_joint(r, &t->joint[j], test_uniform(r, 30, 320), ref_size(joints));
+    ref_chain_flags(t);
 }
 
 /* ---- the chain, in the base frame --------------------------------------------------------------- */
@@ -175,35 +197,32 @@ static inline void ref_frames(const struct hdt_tables *t, const double q[], stru
 {
     struct ref_frame at = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}};
     for (uint32_t j = 0; j < t->joints; j++) {
-        double rot[9], p[3];
-        const double z[9] = {cos(q[j]), -sin(q[j]), 0, sin(q[j]), cos(q[j]), 0, 0, 0, 1};
-        for (int i = 0; i < 9; i++)
-            rot[i] = D(t->joint[j].rot_q30[i], 30);
-        for (int i = 0; i < 3; i++)
-            p[i] = D(t->joint[j].trans_q24[i], 24);
+        const struct hdt_joint_tab *k = &t->joint[j];
+        const double x = q[j] + k->phase0 * (0x1p-32 * 2 * REF_PI);
+        const double ct = D(k->twist_cos_q30, 30), st = D(k->twist_sin_q30, 30);
+        const double twist[9] = {1, 0, 0, 0, ct, -st, 0, st, ct};
+        const double turn[9] = {cos(x), -sin(x), 0, sin(x), cos(x), 0, 0, 0, 1};
+        double p[3] = {D(k->step_q24[0], 24), D(k->step_q24[1], 24), 0};
         ref_turn(at.rot, p, p);
         for (int i = 0; i < 3; i++)
             at.pos[i] += p[i];
-        ref_matmul(at.rot, rot, at.rot);
-        ref_matmul(at.rot, z, at.rot);
+        ref_matmul(at.rot, twist, at.rot);
+        ref_matmul(at.rot, turn, at.rot);
         f[j] = at;
     }
 }
 
-/* -sum over links of g . (m origin + first moment) */
+/* -sum over links of g . first moment; the links have no mass, it is booked elsewhere */
 static inline double ref_potential_j(const struct hdt_tables *t, const double q[])
 {
     struct ref_frame f[HDT_JOINTS_MAX];
     double energy = 0;
     ref_frames(t, q, f);
     for (uint32_t j = 0; j < t->joints; j++) {
-        double s[3], g[3];
-        for (int i = 0; i < 3; i++) {
-            s[i] = D(t->joint[j].moment_q20[i], 20);
-            g[i] = D(t->gravity_q24[i], 24);
-        }
+        const double g[3] = {D(t->gravity_q24[0], 24), D(t->gravity_q24[1], 24), D(t->gravity_q24[2], 24)};
+        double s[3] = {D(t->joint[j].moment_q20[0], 20), D(t->joint[j].moment_q20[1], 20), 0};
         ref_turn(f[j].rot, s, s);
-        energy -= D(t->joint[j].mass_q20, 20) * ref_dot(g, f[j].pos) + ref_dot(g, s);
+        energy -= ref_dot(g, s);
     }
     return energy;
 }
@@ -253,13 +272,16 @@ static inline void ref_inertia(const struct hdt_tables *t, const double q[], con
         }
         memcpy(at, f[k].pos, sizeof at);
 
-        /* first moment and inertia in base axes */
-        for (int i = 0; i < 3; i++)
-            s[i] = D(tab->moment_q20[i], 20);
+        /* first moment and inertia tensor, from the second moment, in base axes */
+        const double e[5] = {D(tab->second_q20[0], 20), D(tab->second_q20[1], 20), D(tab->second_q20[2], 20),
+                             D(tab->second_q20[3], 20), D(tab->second_q20[4], 20)};
+        const double tensor[9] = {e[3], -e[1], -e[2], -e[1], e[0], -e[4], -e[2], -e[4], e[0] + e[3]};
+        s[0] = D(tab->moment_q20[0], 20);
+        s[1] = D(tab->moment_q20[1], 20);
+        s[2] = 0;
         ref_turn(f[k].rot, s, s);
-        const int full[9] = {0, 1, 2, 1, 3, 4, 2, 4, 5};
         for (int i = 0; i < 9; i++) {
-            in[i] = D(tab->inertia_q20[full[i]], 20);
+            in[i] = tensor[i];
             rt[i] = f[k].rot[i % 3 * 3 + i / 3];
         }
         ref_matmul(f[k].rot, in, in);
@@ -269,7 +291,7 @@ static inline void ref_inertia(const struct hdt_tables *t, const double q[], con
         ref_cross(w, u, u);
         ref_cross(dw, s, x);
         for (int i = 0; i < 3; i++)
-            force[i] = D(tab->mass_q20, 20) * acc[i] + u[i] + x[i];
+            force[i] = u[i] + x[i];
         ref_turn(in, w, l);
         ref_cross(w, l, u);
         ref_turn(in, dw, l);
@@ -291,7 +313,7 @@ static inline void ref_inertia(const struct hdt_tables *t, const double q[], con
 
 struct ref_motion {
     double turned; /* counts from zero, joint direction */
-    double q, v, q_ref, v_ref, a_ref, dir, travel, cold, gravity, inertia;
+    double q, v, q_ref, v_ref, a_ref, dir, travel, wound, cold, gravity, inertia;
     double load; /* what the gear has to carry: gravity, and a spring that is in use */
 };
 
@@ -322,12 +344,34 @@ static inline double ref_spring(const struct hdt_joint_tab *j, const struct ref_
     return D(j->spring_q16, 16) * (m->q - D(j->spring_q0_q24, 24));
 }
 
+static inline double ref_windup(const struct hdt_stiffness_tab *s, double x)
+{
+    const int k = x < D(s->t1_q16, 16) ? 0 : x <= D(s->t2_q16, 16) ? 1 : 2;
+    return D(s->intercept_q16[k], 16) + D(s->slope_q24[k], 24) * x;
+}
+
 static inline double ref_stiffness(const struct hdt_joint_tab *j, const struct ref_motion *m)
 {
-    const struct hdt_stiffness_tab *s = &j->stiffness[m->dir >= 0 ? 0 : 1];
-    const double x = m->load;
-    const int k = x < D(s->t1_q16, 16) ? 0 : x <= D(s->t2_q16, 16) ? 1 : 2;
-    return fabs(m->dir) * (D(s->intercept_q16[k], 16) + D(s->slope_q24[k], 24) * x);
+    if (j->windup_inv_q8 != 0)
+        return (1 + m->wound) / 2 * ref_windup(&j->stiffness[0], m->load) +
+               (1 - m->wound) / 2 * ref_windup(&j->stiffness[1], m->load);
+    return fabs(m->dir) * ref_windup(&j->stiffness[m->dir >= 0 ? 0 : 1], m->load);
+}
+
+/* A curve at x in the raw units of its axis. */
+static inline double ref_curve(const struct hdt_curve_tab *c, double x)
+{
+    const double place = fmax(0, fmin(256, (x - c->start) / (double)(1u << c->shift)));
+    const int k = (int)fmin(floor(place), 255);
+    return D(c->value_q8[k], 8) + (place - k) * (D(c->value_q8[k + 1], 8) - D(c->value_q8[k], 8));
+}
+
+static inline double ref_table(const struct hdt_joint_tab *j, const struct ref_motion *m)
+{
+    double phase = fmod(m->turned, 16384);
+    phase += phase < 0 ? 16384 : 0;
+    const double x[HDT_AXES] = {m->q * 0x1p24, m->load * 0x1p16, phase, fabs(m->v_ref) * 0x1p24};
+    return ref_curve(&j->table, x[j->axis]) * (j->directed ? m->dir : 1);
 }
 
 static inline double ref_lines(const struct hdt_joint_tab *j, const struct ref_motion *m)
@@ -357,6 +401,8 @@ static inline double ref_term(const struct hdt_joint_tab *j, int term, const str
         return -D(j->presliding_q16, 16) * exp(-m->travel * D(j->presliding_inv_q8, 8)) * m->dir;
     case HDT_TERM_SPRING: return ref_spring(j, m);
     case HDT_TERM_OFFSET: return D(j->offset_q16, 16);
+    case HDT_TERM_LOCAL: return m->dir * ref_curve(&j->local[m->dir >= 0 ? 0 : 1], m->q * 0x1p24);
+    case HDT_TERM_TABLE: return ref_table(j, m);
     case HDT_TERM_P: return D(j->kp_q16, 16) * (m->q_ref - m->q);
     case HDT_TERM_D: return D(j->kd_q16, 16) * (m->v_ref - m->v);
     default: return NAN;
@@ -372,9 +418,11 @@ static inline double ref_tolerance(const struct hdt_joint_tab *j, int term)
     case HDT_TERM_PRESLIDING: return 1.1 * LSB_NM + 5e-7 * fabs(D(j->presliding_q16, 16));
     case HDT_TERM_TEMPERATURE: return 1.6 * LSB_NM;
     case HDT_TERM_FRICTION: return 1.1 * LSB_NM;
-    case HDT_TERM_STIFFNESS:
+    case HDT_TERM_STIFFNESS: return (j->windup_inv_q8 != 0 ? 1.6 : 1.1) * LSB_NM;
     case HDT_TERM_LOAD: return 1.1 * LSB_NM;
     case HDT_TERM_OFFSET: return 0;
+    case HDT_TERM_LOCAL:
+    case HDT_TERM_TABLE: return 1.1 * LSB_NM;
     default: return 0.6 * LSB_NM;
     }
 }
@@ -387,9 +435,24 @@ static inline double ref_gravity_tolerance(const struct hdt_tables *t)
     for (int i = 0; i < 3; i++)
         g += fabs(D(t->gravity_q24[i], 24));
     for (uint32_t j = 0; j < t->joints; j++)
-        for (int i = 0; i < 3; i++)
-            h += fabs(D(t->joint[j].hold_moment_q20[i], 20));
+        for (int i = 0; i < 2; i++)
+            h += fabs(D(t->joint[j].moment_q20[i], 20));
     return LSB_NM + sqrt(t->joints) * (0x1p-20 * g + 0x1p-24 * h + 4e-9 * g * h);
+}
+
+/* Each link adds roundings of q20 to the acceleration of its points, which its moments feel, and of
+ * q16 to force and moment, which the links before feel at their lever arm; independent, so the sum
+ * grows with the root. */
+static inline double ref_inertia_tolerance(const struct hdt_tables *t)
+{
+    double moments = 0;
+    for (uint32_t j = 0; j < t->joints; j++) {
+        for (int i = 0; i < 2; i++)
+            moments += fabs(D(t->joint[j].moment_q20[i], 20));
+        for (int i = 0; i < 5; i++)
+            moments += fabs(D(t->joint[j].second_q20[i], 20));
+    }
+    return sqrt(t->joints) * (1 + 0.3 * t->joints) * (2 * LSB_NM + 0x1p-20 * moments / t->joints);
 }
 
 #endif

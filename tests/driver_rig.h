@@ -35,9 +35,12 @@ static inline struct hdt_tables *rig_tables(void)
         k->sign = 1;
         k->rad_per_count_q44 = 134929949; /* 2 pi / (50 * 16384) */
         k->phase_per_count_q24 = ((uint64_t)1 << 56) / (RIG_RATIO * 16384);
-        k->rot_q30[0] = k->rot_q30[4] = k->rot_q30[8] = 1 << 30;
+        k->twist_cos_q30 = 1 << 30;
+        k->v_lim_q24 = 4 << 24;
+        k->a_lim_q16 = 32 << 16;
         k->v_ramp_inv_q16 = 100 << 16;
         k->friction_shift = 17;
+        k->local[0].shift = k->local[1].shift = k->table.shift = 1;
         k->kp_q16 = 100 << 16;
         k->offset_q16 = 1 << 16;
         k->digit_per_nm_q24 = 20 << 24; /* 1000 / 50 */

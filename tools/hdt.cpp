@@ -106,6 +106,7 @@ int main(int argc, char **argv)
     add_log(app, code);
     add_compare(app, code);
     add_paper(app, code);
+    add_velocity(app, code);
     add_export(app, code);
     add_top(app, code);
     catch_signals();

@@ -109,8 +109,9 @@ int run_gen(const std::string &path, const std::string &out)
     write_file(out + "/hdt_tables_" + stem + ".c", tables_c_source(tables, stem));
     std::printf("%s/%s.hdtm and %s/hdt_tables_%s.c, layout %u\n", out.c_str(), stem.c_str(), out.c_str(), stem.c_str(),
                 HDT_TABLES_LAYOUT);
-    std::printf("worst quantisation error, N.m output side: gravity %.2g, friction %.2g, ripple %.2g, lines %.2g\n",
-                report.gravity_nm, report.friction_nm, report.ripple_nm, report.lines_nm);
+    std::printf("worst quantisation error, N.m output side: gravity %.2g, friction (knots against eq. 7) %.2g, "
+                "ripple %.2g, lines %.2g, curves %.2g\n",
+                report.gravity_nm, report.friction_nm, report.ripple_nm, report.lines_nm, report.curves_nm);
     return Ok;
 }
 
