@@ -42,9 +42,10 @@ LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
 # what `make install` puts under include/hdt: the library exports these headers' functions
 PUBLIC := ctrl/hdt.h ctrl/hdt_q.h ctrl/hdt_tables.h \
-          $(addprefix driver/,hdt_bus.h drv_telegram.h drv_cycle.h drv_log.h drv_host.h drv_rt.h hdt_plugin.h)
+          $(addprefix driver/,hdt_bus.h drv_telegram.h drv_cycle.h drv_dump.h drv_log.h drv_host.h drv_rt.h hdt_plugin.h)
 
 .PHONY: all demo paper measured check check-install check-posix linuxcnc check-linuxcnc check-asan run-asan check-mujoco fmu check-fmu bench bench-core bench-sim bench-diagnosis bench-ident install clean help guards
+.PHONY: check-cross fuzz check-mutation check-coverage check-proof check-misra
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -77,6 +78,30 @@ check-asan:
 	$(MAKE) BUILD=$(BUILD)/asan OPT="-O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all" run-asan
 run-asan: $(filter-out $(SLOW),$(TESTS))
 	@tools/run-tests $^
+
+## check-cross: the core on other processors (QEMU), both byte orders, bare Cortex-M: the same bytes
+check-cross: $(BUILD)/hdt
+	@CC="$(CC)" tools/check-cross $(BUILD)
+
+## fuzz: RUNS=20000 mutated table images through loader and step, under sanitizers (libFuzzer)
+fuzz: $(BUILD)/hdt
+	@CC="$(CC)" tools/check-fuzz $(BUILD) $(or $(RUNS),20000)
+
+## check-coverage: the core's tests run every line and branch of ctrl/
+check-coverage:
+	@tools/check-coverage $(BUILD)
+
+## check-misra: cppcheck's MISRA C:2012 addon over ctrl/; what docs/misra.md does not list fails
+check-misra:
+	@tools/check-misra
+
+## check-proof: no run-time error in loader and step, for any input, by Frama-C Eva; docs/proof.md
+check-proof:
+	@tools/check-proof $(BUILD)
+
+## check-mutation: every change of one thing in gate and arithmetic fails a test; SAMPLE=N of them only
+check-mutation:
+	@tools/check-mutation $(BUILD) $(if $(SAMPLE),--sample $(SAMPLE) --seed $(or $(SEED),1))
 
 # a Python with one package, in build/; without the package index the target is skipped, aloud
 python = { test -x $(BUILD)/venv/bin/python || python3 -m venv $(BUILD)/venv; } && \

@@ -66,7 +66,9 @@ static int64_t curve_q16(const struct hdt_curve_tab *c, int32_t x)
     const int64_t at = past >> c->shift, k = at < HDT_CURVE_KNOTS - 1 ? at : HDT_CURVE_KNOTS - 2;
     const int64_t part = past - (k << c->shift);
     const int64_t here = c->value_q8[k] * (int64_t)256, next = c->value_q8[k + 1] * (int64_t)256;
-    return here + hdt_shr((next - here) * part, c->shift);
+    const int64_t value = here + hdt_shr((next - here) * part, c->shift);
+    /*@ assert between_knots: -(1 << 23) <= value < (1 << 23); */
+    return value;
 }
 
 int32_t hdt_comp_local(const struct hdt_joint_tab *j, const struct hdt_motion *m)

@@ -79,6 +79,7 @@ static inline int32_t hdt_comp_friction(const struct hdt_joint_tab *j, const str
     const uint32_t k = at < HDT_FRICTION_KNOTS - 1 ? at : HDT_FRICTION_KNOTS - 2;
     const int64_t past = (int64_t)speed_q24 - (int64_t)(k << shift);
     const int64_t value = knot[k] + hdt_shr(((int64_t)knot[k + 1] - knot[k]) * past, shift);
+    /*@ assert friction_ok: -INT32_MAX <= value <= INT32_MAX; */
     return (int32_t)hdt_shr(value * m->dir_q30, 30);
 }
 
@@ -103,7 +104,9 @@ static inline int64_t hdt_comp_windup(const struct hdt_stiffness_tab *s, int32_t
     const int line = (load_q16 >= s->t1_q16) + (load_q16 > s->t2_q16);
 
     /* q24 * q16 = q40 -> q16 */
-    return s->intercept_q16[line] + hdt_shr((int64_t)s->slope_q24[line] * load_q16, 24);
+    const int64_t value = s->intercept_q16[line] + hdt_shr((int64_t)s->slope_q24[line] * load_q16, 24);
+    /*@ assert stiffness_ok: -INT32_MAX <= value <= INT32_MAX; */
+    return value;
 }
 
 /* |dir| * line(load), one of three lines by load, a set for each direction [ibid., Table V].

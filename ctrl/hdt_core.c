@@ -217,12 +217,9 @@ static void measure(hdt_t *h, const struct hdt_in *in, struct hdt_motion m[], st
         k->a_ref_q16 = (int32_t)hdt_clamp(in->a_ref[j].raw, -tab->a_lim_q16, tab->a_lim_q16);
         k->v_fric_q24 = k->v_ref_q24;
         k->dir_q30 = hdt_comp_direction_q30(tab, k->v_ref_q24);
-        if (tab->terms & USE(HDT_TERM_PRESLIDING))
-            k->travel_q40 = pass_travel(h, j, k->v_ref_q24, period_q32);
-        if (tab->windup_inv_q8 != 0)
-            k->wound_q30 = pass_windup(h, j, k->v_ref_q24, period_q32);
-        if (tab->terms & USE(HDT_TERM_TEMPERATURE))
-            k->cold_q30 = cold_share(h, j);
+        k->travel_q40 = tab->terms & USE(HDT_TERM_PRESLIDING) ? pass_travel(h, j, k->v_ref_q24, period_q32) : 0;
+        k->wound_q30 = tab->windup_inv_q8 != 0 ? pass_windup(h, j, k->v_ref_q24, period_q32) : 0;
+        k->cold_q30 = tab->terms & USE(HDT_TERM_TEMPERATURE) ? cold_share(h, j) : 0;
         if (h->terms & NEED_ANGLES) {
             hdt_phase_t angle = hdt_comp_phase(tab->phase_per_count_q24, k->turned);
             angle.raw += tab->phase0;

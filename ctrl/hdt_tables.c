@@ -133,8 +133,9 @@ static uint32_t chain_flags(const struct hdt_joint_tab *j, uint32_t at, int far_
            (step || far_before ? HDT_CHAIN_FAR : 0u) | (skew ? HDT_CHAIN_SKEW : 0u);
 }
 
-/* Angle per count and phase per count say the same ratio, and velocity per count fits its format. */
-static const char *scaling(const struct hdt_joint_tab *j, uint32_t rate_q16)
+/* Angle per count and phase per count say the same ratio.  Velocity per count fits its format at any rate:
+ * 2^32 (q44) * 2^31 (q16) is below 2^35 in q32. */
+static const char *scaling(const struct hdt_joint_tab *j)
 {
     if (j->rad_per_count_q44 == 0)
         return "rad_per_count_q44";
@@ -145,8 +146,6 @@ static const char *scaling(const struct hdt_joint_tab *j, uint32_t rate_q16)
     const int64_t by_phase = (int64_t)((j->phase_per_count_q24 * 1647099u) >> 18);
     if (magnitude(by_angle - by_phase) > (by_angle >> 17) + 65536)
         return "phase_per_count_q24";
-    if (((uint64_t)j->rad_per_count_q44 * rate_q16) >> 28 > (uint64_t)1 << 36)
-        return "rad_per_count_q44";
     return NULL;
 }
 
@@ -172,14 +171,14 @@ static int friction_ok(const struct hdt_joint_tab *j)
 }
 
 /* Name of the first wrong member of a joint, or NULL. */
-static const char *joint_wrong(const struct hdt_joint_tab *j, uint32_t rate_q16)
+static const char *joint_wrong(const struct hdt_joint_tab *j)
 {
     const char *name = out_of_range(j, joint_ranges, COUNT(joint_ranges));
     if (name != NULL)
         return name;
     if (j->sign == 0)
         return "sign";
-    if ((name = scaling(j, rate_q16)) != NULL)
+    if ((name = scaling(j)) != NULL)
         return name;
     if (!twist_ok(j))
         return "twist_cos_q30";
@@ -309,7 +308,7 @@ static const char *joints_wrong(const struct hdt_tables *t, uint32_t *at)
         reach.gravity_q24 += magnitude(t->gravity_q24[i]);
     for (uint32_t j = 0; j < t->joints; j++) {
         const struct hdt_joint_tab *tab = &t->joint[j];
-        const char *name = joint_wrong(tab, t->rate_q16);
+        const char *name = joint_wrong(tab);
         *at = j;
         if (name != NULL)
             return name;

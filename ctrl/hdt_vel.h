@@ -55,7 +55,8 @@ static inline int32_t hdt_vel_filter(struct hdt_vel *s, const int32_t biquad_q28
                             (int64_t)biquad_q28[4] * s->y_q24[1] + s->rest;
     const int64_t y = hdt_shr(sum_q52, 28);
 
-    s->rest = (int32_t)(sum_q52 - y * ((int64_t)1 << 28)); /* within half of 2^28 */
+    /* sum - y 2^28, within half of 2^28 */
+    s->rest = (int32_t)((uint64_t)(sum_q52 + ((int64_t)1 << 27)) & 0x0fffffffu) - ((int32_t)1 << 27);
     s->x_q24[1] = s->x_q24[0];
     s->x_q24[0] = x_q24;
     s->y_q24[1] = s->y_q24[0];

@@ -186,7 +186,7 @@ static void send_cyclic(struct drv_cycle *c, const struct hdt_in *in, const stru
 
 static void record(struct drv_cycle *c)
 {
-    if (c->ring == NULL)
+    if (c->ring == NULL && c->dump == NULL)
         return;
     for (unsigned j = 0; j < DRV_AXES; j++) {
         c->rec.torque_dig[j] = c->last.axis[j].torque_dig;
@@ -194,7 +194,9 @@ static void record(struct drv_cycle *c)
     }
     c->rec.driver_status = c->last.driver_status;
     c->rec.link = (uint16_t)c->link;
-    if (drv_ring_push(c->ring, &c->rec) != 0)
+    if (c->dump != NULL)
+        drv_dump_note(c->dump, &c->rec, &c->core);
+    if (c->ring != NULL && drv_ring_push(c->ring, &c->rec) != 0)
         c->count.log_dropped++;
 }
 

@@ -13,6 +13,7 @@
 #define DRV_CYCLE_H
 
 #include "ctrl/hdt.h"
+#include "driver/drv_dump.h"
 #include "driver/drv_log.h"
 #include "driver/drv_telegram.h"
 #include "driver/hdt_bus.h"
@@ -53,6 +54,7 @@ struct drv_cycle {
     enum drv_format format;         /* of the telegrams; A unless drv_cycle_set_format says otherwise */
     uint16_t rated_mnm[DRV_AXES];   /* Format B: rated motor torque, 0.001 N.m motor side */
     struct drv_ring *ring;          /* may be NULL: no log; may be set between periods */
+    struct drv_dump *dump;          /* the same: what is kept for when a fault latches */
     enum drv_link link;
     uint8_t seq;                    /* of the last command sent, 0..127 */
     uint8_t want_seq;               /* of the reply awaited */

@@ -147,7 +147,12 @@ void drv_host_say(const struct drv_host_status *s, const struct hdt_tables *tab,
         add_brakes(&t, s);
         break;
     case DRV_HOST_SILENT:
-        add(&t, " the servo never answered: expected a state telegram soon after 'S'; is it running on this bus?");
+        if (s->count.received > 0 || s->count.bad_frames > 0)
+            add(&t, " the servo never sent a state: %s, %llu frames that are no telegram of this format came; does it speak "
+                    "the other format (--format)?", s->count.received > 0 ? "'S' was answered, 'C' was not" : "'S' was not answered",
+                (unsigned long long)s->count.bad_frames);
+        else
+            add(&t, " the servo never answered: expected a state telegram soon after 'S'; is it running on this bus?");
         break;
     }
 }

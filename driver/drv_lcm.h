@@ -20,6 +20,21 @@ extern "C" {
 #define DRV_LCM_DATA_MAX 8192     /* more than either message takes */
 #define DRV_LCM_CHANNEL_RUN "HDT_RUN"
 #define DRV_LCM_CHANNEL_CYCLE "HDT_CYCLE"
+/* Bytes as they are, no LCM type; a reader that does not know the channel passes over them. */
+#define DRV_LCM_CHANNEL_TABLES "HDT_TABLES" /* .hdtm image of the tables */
+#define DRV_LCM_CHANNEL_STATE "HDT_STATE"   /* struct drv_lcm_state */
+#define DRV_LCM_TABLES_MAX 131072           /* more than an image of 16 joints takes */
+
+/* The core's memory, and what has to be the same for it to mean the same elsewhere. */
+struct drv_lcm_state {
+    uint32_t order;               /* DRV_LCM_ORDER in the byte order of the writer */
+    uint32_t version;             /* of the library: major, minor, patch, a byte each */
+    uint32_t layout;              /* of the tables */
+    uint32_t size;                /* of hdt_t */
+    hdt_t core;                   /* its pointer to the tables is zero */
+};
+#define DRV_LCM_ORDER 0x48445401u
+#define DRV_LCM_LIBRARY (HDT_VERSION_MAJOR << 16 | HDT_VERSION_MINOR << 8 | HDT_VERSION_PATCH)
 
 struct drv_lcm_head {
     uint32_t magic;

@@ -21,6 +21,7 @@
 #define Q24 (1.0 / 16777216.0)
 #define Q16 (1.0 / 65536.0)
 #define NM_PER_DIGIT 0.001
+#define DRV_LCM_BEFORE 3 /* run, tables, state */
 
 struct drv_writer {
     FILE *f;
@@ -30,7 +31,7 @@ struct drv_writer {
     int failed;                /* -errno of the first failure */
     int started;
     uint64_t t0_us;            /* of the first CSV row */
-    uint32_t run_len;          /* of the first event's message */
+    struct { long at; struct drv_lcm_head head; } before[DRV_LCM_BEFORE]; /* events before the first period */
     uint64_t events;
     uint8_t buf[DRV_LCM_DATA_MAX];
 };
@@ -72,7 +73,7 @@ static int good_constant(const char *line)
     return 1;
 }
 
-static int put_event(struct drv_writer *w, const char *channel, uint64_t t_us, size_t len)
+static int put_event(struct drv_writer *w, const char *channel, uint64_t t_us, const void *data, size_t len)
 {
     struct drv_lcm_head h = {.magic = DRV_LCM_MAGIC,
                              .number = w->events++,
@@ -85,8 +86,12 @@ static int put_event(struct drv_writer *w, const char *channel, uint64_t t_us, s
         errno = EOVERFLOW;
         return -1;
     }
+    if (!w->started && h.number < DRV_LCM_BEFORE) {
+        w->before[h.number].at = ftell(w->f);
+        w->before[h.number].head = h;
+    }
     return fwrite(head, sizeof head, 1, w->f) == 1 && fputs(channel, w->f) >= 0 &&
-                   fwrite(w->buf, len, 1, w->f) == 1
+                   fwrite(data, len, 1, w->f) == 1
                ? 0
                : -1;
 }
@@ -111,26 +116,55 @@ static int lcm_begin(struct drv_writer *w)
         run.constants[used + n] = '\n';
         used += n + 1;
     }
-    size_t len = drv_lcm_put_run(&run, w->buf, sizeof w->buf);
-    w->run_len = (uint32_t)len;
-    return put_event(w, DRV_LCM_CHANNEL_RUN, 0, len);
+    return put_event(w, DRV_LCM_CHANNEL_RUN, 0, w->buf, drv_lcm_put_run(&run, w->buf, sizeof w->buf));
 }
 
-/* The first event gets the time of the first record: a player waits between events as long as their
+/* With these the log replays without any other file. */
+static int lcm_tables(struct drv_writer *w)
+{
+    size_t size = hdt_tables_size(w->cfg.tables->joints);
+    uint8_t *image = malloc(size);
+    int e = -1;
+    if (image != NULL)
+        e = put_event(w, DRV_LCM_CHANNEL_TABLES, 0, image, hdt_tables_write(w->cfg.tables, image, size));
+    free(image);
+    return e;
+}
+
+static int lcm_state(struct drv_writer *w)
+{
+    struct drv_lcm_state s;
+    memset(&s, 0, sizeof s);
+    s.order = DRV_LCM_ORDER;
+    s.version = DRV_LCM_LIBRARY;
+    s.layout = HDT_TABLES_LAYOUT;
+    s.size = sizeof s.core;
+    s.core = *w->cfg.state;
+    s.core.tables = NULL;
+    return put_event(w, DRV_LCM_CHANNEL_STATE, 0, &s, sizeof s);
+}
+
+/* What stands before the first period. */
+static int lcm_head(struct drv_writer *w)
+{
+    if (lcm_begin(w) != 0 || lcm_tables(w) != 0)
+        return -1;
+    return w->cfg.state != NULL ? lcm_state(w) : 0;
+}
+
+/* What stands before the first period gets its time: a player waits between events as long as their
  * times are apart, and the host's monotonic time may be days. */
 static int lcm_date(struct drv_writer *w, uint64_t t_us)
 {
-    struct drv_lcm_head h = {.magic = DRV_LCM_MAGIC,
-                             .t_us = t_us,
-                             .channel_len = (uint32_t)strlen(DRV_LCM_CHANNEL_RUN),
-                             .data_len = w->run_len};
-    uint8_t head[DRV_LCM_HEAD];
-    drv_lcm_put_head(&h, head);
+    for (uint64_t k = 0; k < w->events && k < DRV_LCM_BEFORE; k++) {
+        uint8_t head[DRV_LCM_HEAD];
+        w->before[k].head.t_us = t_us;
+        drv_lcm_put_head(&w->before[k].head, head);
+        if (fseek(w->f, w->before[k].at, SEEK_SET) != 0 || fwrite(head, sizeof head, 1, w->f) != 1)
+            return -1;
+    }
     w->started = 1;
-    return fseek(w->f, 0, SEEK_SET) == 0 && fwrite(head, sizeof head, 1, w->f) == 1 &&
-                   fseek(w->f, 0, SEEK_END) == 0
-               ? 0
-               : -1;
+    return fseek(w->f, 0, SEEK_END) == 0 ? 0 : -1;
 }
 
 static int csv_begin(struct drv_writer *w)
@@ -275,8 +309,9 @@ struct drv_writer *drv_writer_open(const char *path, const struct drv_writer_cfg
     w->cfg = *cfg;
     w->lcm = ends_in(path, ".lcm");
     w->f = fopen(w->part, "wb");
-    int e = w->f == NULL ? -1 : w->lcm ? lcm_begin(w) : csv_begin(w);
+    int e = w->f == NULL ? -1 : w->lcm ? lcm_head(w) : csv_begin(w);
     w->cfg.constants = NULL;
+    w->cfg.state = NULL;
     if (e != 0) {
         refuse(err, errlen, "%s: cannot be written: %s", w->part, strerror(errno));
         discard(w);
@@ -291,7 +326,7 @@ int drv_writer_put(struct drv_writer *w, const struct drv_record *rec)
         return w->failed;
     int e = w->lcm && !w->started ? lcm_date(w, rec->in.t_us) : 0;
     if (e == 0)
-        e = w->lcm ? put_event(w, DRV_LCM_CHANNEL_CYCLE, rec->in.t_us,
+        e = w->lcm ? put_event(w, DRV_LCM_CHANNEL_CYCLE, rec->in.t_us, w->buf,
                                drv_lcm_put_record(rec, w->cfg.tables->joints, w->buf, sizeof w->buf))
                    : csv_row(w, rec);
     if (e != 0)

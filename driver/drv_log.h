@@ -23,6 +23,9 @@ extern "C" {
 
 #define DRV_LOG_VERSION 1
 
+#define DRV_LOG_NONE (-100)
+#define DRV_LOG_OTHER_BUILD (-101)
+
 /* Everything one period saw and did: enough to replay it. */
 struct drv_record {
     struct hdt_in in;
@@ -55,6 +58,8 @@ struct drv_writer_cfg {
     double ratio[HDT_JOINTS_MAX];       /* gear ratio, for output-side torque in the CSV */
     const char *const *constants;       /* "key = value" lines about the run, NULL-ended, or NULL */
     int terms;                          /* CSV: also a column per term and joint, <term>{j}_nm */
+    const hdt_t *state;                 /* event log that begins within a run: the core before the
+                                         * first record; NULL: as hdt_init leaves it */
 };
 /* Errors: NULL and a line in err.  Context: not in the cycle. */
 struct drv_writer *drv_writer_open(const char *path, const struct drv_writer_cfg *cfg, char *err,
@@ -86,6 +91,13 @@ struct drv_reader *drv_reader_open(const char *path, char *err, size_t errlen);
 const struct drv_run *drv_reader_run(const struct drv_reader *r);
 /* 1 and a record, 0 at the end, negative when the file is damaged: drv_reader_error says where. */
 int drv_reader_next(struct drv_reader *r, struct drv_record *rec);
+/* The tables the core ran with, checked.  HDT_TABLES_OK, an error of hdt_tables_read, or
+ * DRV_LOG_NONE when the log has none (written by a version before they were in it). */
+int drv_reader_tables(const struct drv_reader *r, struct hdt_tables *out);
+/* The core before the first record, with these tables: as hdt_init leaves it unless the log begins
+ * within a run.  HDT_OK, an error of hdt_init, or DRV_LOG_OTHER_BUILD: the state is a copy of memory,
+ * and the host that wrote it lays it out another way. */
+int drv_reader_start(const struct drv_reader *r, const struct hdt_tables *tables, hdt_t *core);
 const char *drv_reader_error(const struct drv_reader *r); /* "" while all is well */
 void drv_reader_close(struct drv_reader *r);
 

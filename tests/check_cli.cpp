@@ -210,13 +210,125 @@ END_TEST
 
 START_TEST(test_event_log_replays_bit_for_bit)
 {
-    must("$H sim --arm $A --task excite:seed=4,seconds=5 --mode velocity --out run.lcm");
-    Result r = sh("$H replay run.lcm --model $A");
-    ck_assert_int_eq(r.code, 0);
-    ck_assert_msg(r.out.find(" 0 differ") != std::string::npos, "%s", r.out.c_str());
+    for (const char *run : {"--mode velocity", "--mode torque --payload 1.5"}) {
+        must(std::string("$H sim --arm $A --task excite:seed=4,seconds=5 --out run.lcm ") + run);
+        Result r = sh("$H replay run.lcm");
+        ck_assert_int_eq(r.code, 0);
+        ck_assert_msg(r.out.find(" 0 differ") != std::string::npos, "%s", r.out.c_str());
+    }
+    assert_refused("$H replay run.lcm --model $A", "payload declared", "never");
+    must("$H sim --arm $A --task excite:seed=4,seconds=5 --out run.lcm; $H replay run.lcm --model $A");
     // another model is refused, not compared
     must("sed 's/39.9709/39.9/' $A >other.toml");
     assert_refused("$H replay run.lcm --model other.toml", "digests differ", "never");
+}
+END_TEST
+
+// One event of a log: where its data begins, how long it is.
+struct Event { std::string channel; size_t at, size; };
+
+std::vector<Event> events_of(const std::string &log)
+{
+    const auto word = [&](size_t at) {
+        size_t value = 0;
+        for (size_t i = 0; i < 4; i++)
+            value = value << 8 | static_cast<unsigned char>(log.at(at + i));
+        return value;
+    };
+    std::vector<Event> events;
+    for (size_t at = 0; at < log.size(); at += 28 + events.back().channel.size() + events.back().size)
+        events.push_back({log.substr(at + 28, word(at + 20)), at + 28 + word(at + 20), word(at + 24)});
+    return events;
+}
+
+void spill(const std::string &name, const std::string &bytes)
+{
+    std::ofstream(dir + "/" + name, std::ios::binary) << bytes;
+}
+
+START_TEST(test_replay_names_the_first_period_and_member_that_differ)
+{
+    must("$H sim --arm $A --task excite:seed=4,seconds=5 --out run.lcm");
+    const std::string log = slurp(dir + "/run.lcm");
+    const std::vector<Event> events = events_of(log);
+    size_t first = 0;
+    while (events[first].channel != "HDT_CYCLE")
+        first++;
+    // period 700, the count of joint 3, as in driver/hdt_cycle.lcm: 8 print, 4 version, 8 time, 8, 16 masks, 8 time
+    const size_t period = 700, count = events[first + period - 1].at + 52 + 2 * 4 + 3;
+    std::string other = log;
+    other[count] = static_cast<char>(other[count] ^ 1);
+    spill("other.lcm", other);
+    Result r = sh("$H replay other.lcm");
+    ck_assert_int_eq(r.code, 1);
+    ck_assert_msg(r.out.find("period 700,") != std::string::npos && r.out.find("q_q24 of joint 3 is ") != std::string::npos,
+                  "%s", r.out.c_str());
+    // one bit of one digit, the first of the outputs: nothing after it differs
+    other = log;
+    const size_t digit = events[first + period - 1].at + 52 + 4 * 7 * 4 + 1;
+    other[digit] = static_cast<char>(other[digit] ^ 1);
+    spill("other.lcm", other);
+    r = sh("$H replay other.lcm");
+    ck_assert_int_eq(r.code, 1);
+    ck_assert_msg(r.out.find("period 700,") != std::string::npos && r.out.find("digit of joint 1 is ") != std::string::npos &&
+                  r.out.find(" 1 differ") != std::string::npos, "%s", r.out.c_str());
+    // a period left out
+    const Event &gone = events[first + period];
+    other = log.substr(0, gone.at - 28 - gone.channel.size()) + log.substr(gone.at + gone.size);
+    spill("other.lcm", other);
+    r = sh("$H replay other.lcm");
+    ck_assert_int_eq(r.code, 1);
+    ck_assert_msg(r.out.find("period 701,") != std::string::npos && r.out.find("periods were skipped") != std::string::npos,
+                  "%s", r.out.c_str());
+}
+END_TEST
+
+START_TEST(test_replay_refuses_in_words)
+{
+    must("$H sim --arm $A --task excite:seed=4,seconds=5 --out run.lcm");
+    const std::string log = slurp(dir + "/run.lcm");
+    const std::vector<Event> events = events_of(log);
+    spill("log.lcm", log.substr(0, log.size() - 100));
+    assert_refused("$H replay log.lcm", "cut off", "never");
+    spill("log.lcm", "");
+    assert_refused("$H replay log.lcm", "no hdt log", "never");
+    assert_refused("$H replay nowhere.lcm", "cannot be read", "never");
+    spill("log.lcm", log.substr(0, events[2].at - 28 - events[2].channel.size()));
+    assert_refused("$H replay log.lcm", "no period in it", "never");
+    // tables: a bit turned, another model's, none
+    std::string other = log;
+    ck_assert_str_eq(events[1].channel.c_str(), "HDT_TABLES");
+    other[events[1].at + 1000] = static_cast<char>(other[events[1].at + 1000] ^ 4);
+    spill("log.lcm", other);
+    assert_refused("$H replay log.lcm", "checksum does not match", "never");
+    must("sed 's/39.9709/39.9/' $A >other.toml; $H sim --arm other.toml --task excite:seed=4,seconds=5 --out other.lcm");
+    const std::string foreign = slurp(dir + "/other.lcm");
+    other = log.substr(0, events[1].at) + foreign.substr(events[1].at, events[1].size) +
+            log.substr(events[1].at + events[1].size);
+    spill("log.lcm", other);
+    assert_refused("$H replay log.lcm", "digests differ", "never");
+    other = log.substr(0, events[1].at - 28 - 10) + log.substr(events[1].at + events[1].size);
+    spill("log.lcm", other);
+    assert_refused("$H replay log.lcm", "--model", "never");
+    must("$H replay log.lcm --model $A");
+}
+END_TEST
+
+START_TEST(test_dump_of_a_fault_replays)
+{
+    // a joint held by an outside torque falls behind until the core gives up
+    must("$H sim --arm $A --task excite:seed=4,seconds=20 --effect contact=200@2:from=8,to=12 --out run.lcm --dump dump.lcm; test $? = 1");
+    Result r = sh("$H replay dump.lcm");
+    ck_assert_msg(r.code == 0, "%s%s", r.out.c_str(), r.err.c_str());
+    const size_t kept = events_of(slurp(dir + "/dump.lcm")).size(), all = events_of(slurp(dir + "/run.lcm")).size();
+    ck_assert_msg(kept > 1024 && kept < all && kept < 2052, "%zu events of %zu", kept, all);
+    ck_assert_msg(events_of(slurp(dir + "/dump.lcm"))[2].channel == "HDT_STATE", "no state");
+    // a state of another library is refused
+    std::string log = slurp(dir + "/dump.lcm");
+    const size_t version = events_of(log)[2].at + 4;
+    log[version + 1] = static_cast<char>(log[version + 1] ^ 1);
+    spill("dump.lcm", log);
+    assert_refused("$H replay dump.lcm", "another version", "never");
 }
 END_TEST
 
@@ -353,9 +465,16 @@ static Suite *cli_suite(void)
     tcase_add_test(loop, test_simulated_log_gives_its_parameters_back);
     tcase_add_test(loop, test_healthy_arm_lacks_nothing);
     tcase_add_test(loop, test_hidden_effect_is_named_and_its_adoption_shows_in_the_loop);
-    tcase_add_test(loop, test_event_log_replays_bit_for_bit);
     tcase_add_test(loop, test_same_seed_gives_the_same_log);
     suite_add_tcase(s, loop);
+    TCase *replay = tcase_create("replay");
+    tcase_set_timeout(replay, 120);
+    tcase_add_checked_fixture(replay, set_up, tear_down);
+    tcase_add_test(replay, test_event_log_replays_bit_for_bit);
+    tcase_add_test(replay, test_replay_names_the_first_period_and_member_that_differ);
+    tcase_add_test(replay, test_replay_refuses_in_words);
+    tcase_add_test(replay, test_dump_of_a_fault_replays);
+    suite_add_tcase(s, replay);
     TCase *bad = tcase_create("bad input");
     tcase_add_checked_fixture(bad, set_up, tear_down);
     tcase_add_test(bad, test_bad_logs_are_refused_with_file_and_line);

@@ -378,6 +378,111 @@ START_TEST(test_following_limit_of_zero_is_off)
 }
 END_TEST
 
+START_TEST(test_faults_of_one_period_are_all_told)
+{
+    set_up();
+    in.servo_alarm = 2;
+    in.fresh = 5;
+    arm.stale_periods = 1;
+    out.v[1].raw = arm.joint[1].v_max_q24 + 1;
+    in.q_ref[1].raw = arm.joint[1].q_max_q24 + 1;
+    step();
+    ck_assert_uint_eq(out.fault, HDT_FAULT_SERVO | HDT_FAULT_STALE | HDT_FAULT_SPEED | HDT_FAULT_REFERENCE |
+                                     HDT_FAULT_FOLLOWING);
+    ck_assert_uint_eq(out.fault_joints, 2);
+}
+END_TEST
+
+START_TEST(test_every_joint_with_a_fault_is_told)
+{
+    set_up();
+    in.servo_alarm = 5;
+    step();
+    ck_assert_uint_eq(out.fault_joints, 5);
+    in.servo_alarm = 2;
+    step();
+    ck_assert_uint_eq(out.fault_joints, 7);
+}
+END_TEST
+
+START_TEST(test_joints_the_arm_does_not_have_count_for_nothing)
+{
+    set_up();
+    in.active = ~0u;
+    in.fresh = seen;
+    out.total[0].raw = 1 << 16;
+    step();
+    ck_assert_uint_eq(out.fault, 0);
+    ck_assert_int_eq(out.digit[0].raw, 20);
+    for (int j = JOINTS; j < HDT_JOINTS_MAX; j++) {
+        ck_assert_uint_eq(gate.stale[j], 0);
+        ck_assert_int_eq(gate.digit[j], 0);
+    }
+    /* and what stands behind the gate is not the gate's */
+    struct { struct hdt_gate gate; uint32_t behind[4]; } both;
+    memset(&both, 0x55, sizeof both);
+    hdt_gate_clear(&both.gate);
+    for (int i = 0; i < 4; i++)
+        ck_assert_uint_eq(both.behind[i], 0x55555555u);
+    ck_assert_int_eq(both.gate.digit[HDT_JOINTS_MAX - 1], 0);
+}
+END_TEST
+
+START_TEST(test_smallest_following_limit_holds)
+{
+    for (int side = -1; side <= 1; side += 2) {
+        set_up();
+        arm.joint[0].follow_max_q24 = 1;
+        in.q_ref[0].raw = side;
+        step();
+        ck_assert_uint_eq(out.fault, 0);
+        in.q_ref[0].raw = 2 * side;
+        step();
+        ck_assert_uint_eq(out.fault, HDT_FAULT_FOLLOWING);
+    }
+}
+END_TEST
+
+START_TEST(test_outside_its_range_one_digit_is_cut_and_none_is_no_limit)
+{
+    for (int side = -1; side <= 1; side += 2) {
+        for (int digit = 0; digit < 2; digit++) {
+            set_up();
+            out.q[0].raw = side > 0 ? arm.joint[0].q_max_q24 + 1 : arm.joint[0].q_min_q24 - 1;
+            in.q_ref[0].raw = out.q[0].raw - side;
+            out.total[0].raw = side * digit * Q(0.05, 16);
+            step();
+            ck_assert_int_eq(out.digit[0].raw, 0);
+            ck_assert_uint_eq(out.limit[0], digit ? HDT_LIM_POSITION : 0);
+            in.mode = HDT_MODE_VELOCITY;
+            v_cmd[0].raw = side * digit * Q(0.0002, 24);
+            step();
+            ck_assert_int_eq(out.speed[0].raw, 0);
+            ck_assert_uint_eq(out.limit[0], digit ? HDT_LIM_POSITION : 0);
+        }
+    }
+}
+END_TEST
+
+START_TEST(test_limits_of_one_period_are_all_told)
+{
+    for (int side = -1; side <= 1; side += 2) {
+        set_up();
+        out.q[0].raw = side > 0 ? arm.joint[0].q_max_q24 + 1 : arm.joint[0].q_min_q24 - 1;
+        in.q_ref[0].raw = out.q[0].raw - side;
+        out.total[0].raw = side * (1000 << 16);
+        step();
+        ck_assert_int_eq(out.digit[0].raw, 0);
+        ck_assert_uint_eq(out.limit[0], HDT_LIM_TORQUE | HDT_LIM_SLEW | HDT_LIM_POSITION);
+        in.mode = HDT_MODE_VELOCITY;
+        v_cmd[0].raw = side * Q(100, 24);
+        step();
+        ck_assert_int_eq(out.speed[0].raw, 0);
+        ck_assert_uint_eq(out.limit[0], HDT_LIM_SPEED | HDT_LIM_POSITION);
+    }
+}
+END_TEST
+
 START_TEST(test_digits_never_leave_the_envelope)
 {
     uint64_t r = 99;
@@ -450,6 +555,12 @@ static Suite *gate_suite(void)
     tcase_add_test(f, test_a_joint_not_driven_raises_nothing_and_gets_nothing);
     tcase_add_test(f, test_idle_does_not_judge_the_reference);
     tcase_add_test(f, test_following_limit_of_zero_is_off);
+    tcase_add_test(e, test_faults_of_one_period_are_all_told);
+    tcase_add_test(e, test_smallest_following_limit_holds);
+    tcase_add_test(e, test_every_joint_with_a_fault_is_told);
+    tcase_add_test(e, test_joints_the_arm_does_not_have_count_for_nothing);
+    tcase_add_test(e, test_outside_its_range_one_digit_is_cut_and_none_is_no_limit);
+    tcase_add_test(e, test_limits_of_one_period_are_all_told);
     tcase_add_test(e, test_digits_never_leave_the_envelope);
     suite_add_tcase(s, l);
     suite_add_tcase(s, f);

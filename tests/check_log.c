@@ -13,6 +13,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "driver/drv_dump.h"
 #include "driver/drv_lcm.h"
 #include "tests/check_main.h"
 #include "tests/driver_rig.h"
@@ -334,6 +335,76 @@ START_TEST(test_event_log_replays_through_the_core)
 }
 END_TEST
 
+/* A run of the core as a host sees it; the fault comes with an alarm at period `alarm`, from 0. */
+static void alarmed_run(unsigned periods, unsigned alarm, struct drv_dump *dump, unsigned slots)
+{
+    static struct drv_record rec, slot[64];
+    static hdt_t core;
+    uint64_t rng = 21;
+    ck_assert_int_eq(hdt_init(&core, rig_tables()), HDT_OK);
+    ck_assert_int_eq(drv_dump_init(dump, slot, slots, &core), HDT_OK);
+    for (unsigned i = 0; i < periods; i++) {
+        memset(&rec, 0, sizeof rec);
+        rec.in.t_us = 1429 * (uint64_t)(i + 1);
+        rec.in.mode = HDT_MODE_TORQUE;
+        rec.in.active = rec.in.fresh = 0x7f;
+        rec.in.servo_alarm = i == alarm;
+        for (unsigned j = 0; j < 7; j++)
+            rec.in.v_ref[j].raw = (int32_t)(test_random(&rng) >> 42);
+        ck_assert_int_eq(hdt_step(&core, &rec.in, &rec.out), HDT_OK);
+        drv_dump_note(dump, &rec, &core);
+    }
+}
+
+START_TEST(test_dump_keeps_the_last_periods_before_a_fault_and_replays)
+{
+    struct drv_writer_cfg cfg = config(7);
+    static struct drv_record rec;
+    static struct drv_dump dump;
+    static struct hdt_out out;
+    static hdt_t core;
+    char err[300] = "";
+    for (unsigned alarm = 0; alarm < 40; alarm++) {
+        alarmed_run(alarm + 10, alarm, &dump, 16);
+        ck_assert_int_eq(dump.full, 1);
+        ck_assert_msg(drv_dump_write(&dump, lcm, &cfg, err, sizeof err) == 0, "%s", err);
+        struct drv_reader *r = reader_ok(lcm);
+        ck_assert_int_eq(drv_reader_start(r, rig_tables(), &core), HDT_OK);
+        unsigned n = 0;
+        while (drv_reader_next(r, &rec) == 1) {
+            ck_assert_int_eq(hdt_step(&core, &rec.in, &out), HDT_OK);
+            ck_assert_mem_eq(&out, &rec.out, sizeof out);
+            n++;
+        }
+        drv_reader_close(r);
+        /* the last is the one of the fault; half the capacity at least, where the run is that long */
+        ck_assert_uint_eq(rec.in.t_us, 1429 * (uint64_t)(alarm + 1));
+        ck_assert_uint_eq(rec.out.fault, HDT_FAULT_SERVO);
+        ck_assert_msg(n <= 16 && n >= (alarm + 1 < 8 ? alarm + 1 : 8), "alarm %u: %u periods", alarm, n);
+    }
+    ck_assert_int_eq(drv_dump_init(&dump, &rec, 1, &core), HDT_ERR_ARG);
+    ck_assert_int_eq(drv_dump_init(&dump, NULL, 2, &core), HDT_ERR_ARG);
+    ck_assert_int_eq(drv_dump_write(&dump, csv, &cfg, err, sizeof err), -1);
+    ck_assert_ptr_nonnull(strstr(err, ".lcm"));
+}
+END_TEST
+
+START_TEST(test_event_log_carries_its_tables)
+{
+    struct drv_writer_cfg cfg = config(7);
+    static struct hdt_tables tables;
+    static hdt_t core;
+    write_log(lcm, &cfg, 3, 13);
+    struct drv_reader *r = reader_ok(lcm);
+    ck_assert_int_eq(drv_reader_tables(r, &tables), HDT_TABLES_OK);
+    ck_assert_mem_eq(tables.digest, cfg.tables->digest, 32);
+    ck_assert_int_eq(tables.joint[6].kp_q16, cfg.tables->joint[6].kp_q16);
+    ck_assert_int_eq(drv_reader_start(r, &tables, &core), HDT_OK);
+    ck_assert_uint_eq(core.steps, 0);
+    drv_reader_close(r);
+}
+END_TEST
+
 START_TEST(test_liblcm_reads_the_event_log)
 {
     struct drv_writer_cfg cfg = config(7);
@@ -343,13 +414,13 @@ START_TEST(test_liblcm_reads_the_event_log)
     int64_t n = 0;
     while ((e = lcm_eventlog_read_next_event(log)) != NULL) {
         ck_assert_int_eq(e->eventnum, n);
-        ck_assert_str_eq(e->channel, n == 0 ? "HDT_RUN" : "HDT_CYCLE");
-        /* the run at the time of its first period, or a player waits for as long as the host was up */
-        ck_assert_int_eq(e->timestamp, 5000000 + 1429 * (n == 0 ? 0 : n - 1));
+        ck_assert_str_eq(e->channel, n == 0 ? "HDT_RUN" : n == 1 ? "HDT_TABLES" : "HDT_CYCLE");
+        /* what stands before the first period has its time, or a player waits for as long as the host was up */
+        ck_assert_int_eq(e->timestamp, 5000000 + 1429 * (n < 2 ? 0 : n - 2));
         n++;
         lcm_eventlog_free_event(e);
     }
-    ck_assert_int_eq(n, 101);
+    ck_assert_int_eq(n, 102);
     lcm_eventlog_destroy(log);
 }
 END_TEST
@@ -407,11 +478,11 @@ START_TEST(test_code_from_lcm_gen_reads_the_same_numbers)
     fprintf(f, "\n");
     for (unsigned j = 0; j < 7; j++)
         fprintf(f, " %.17g", cfg.ratio[j]);
-    fprintf(f, "\n%s\n%s\n.\n", constants[0], constants[1]);
+    fprintf(f, "\n%s\n%s\n.\nevent 1 0 HDT_TABLES\n", constants[0], constants[1]);
     uint64_t seed = 14;
     for (unsigned i = 0; i < 20; i++) {
         struct drv_record r = random_record(&seed, 7, 5000000 + 1429 * (uint64_t)i);
-        fprintf(f, "event %u %lld HDT_CYCLE\n", i + 1, (long long)r.in.t_us);
+        fprintf(f, "event %u %lld HDT_CYCLE\n", i + 2, (long long)r.in.t_us);
         dump(f, &r, 7);
     }
     fclose(f);
@@ -508,12 +579,12 @@ START_TEST(test_a_log_cut_at_any_byte_is_said_to_be_cut)
         put_file(lcm, whole, cut);
         n = read_all(lcm, &clean, err, sizeof err);
         if (cut == boundary && cut > 0) {
-            /* after whole events: as many cycles as there are, no complaint */
-            ck_assert_int_eq(n, (int)ends - 1);
+            /* after whole events: as many cycles as there are, no complaint; head and tables stand before them */
+            ck_assert_int_eq(n, ends < 2 ? 0 : (int)ends - 2);
             ck_assert_int_eq(clean, 1);
         } else {
             ck_assert_int_eq(clean, 0);
-            ck_assert_int_eq(n, ends == 0 ? -1 : (int)ends - 1);
+            ck_assert_int_eq(n, ends == 0 ? -1 : ends < 2 ? 0 : (int)ends - 2);
             ck_assert_ptr_nonnull(strstr(err, cut == 0 ? "no hdt log" : "cut off"));
             ck_assert_ptr_nonnull(strstr(err, "run.lcm: at byte"));
         }
@@ -525,7 +596,7 @@ START_TEST(test_a_log_cut_at_any_byte_is_said_to_be_cut)
         if (cut + 1 == boundary)
             ends++;
     }
-    ck_assert_uint_eq(ends, 5);
+    ck_assert_uint_eq(ends, 6);
     free(whole);
 }
 END_TEST
@@ -736,6 +807,12 @@ START_TEST(test_no_space_left_is_reported_as_such)
         char err[300] = "";
         ck_assert_int_eq(symlink("/dev/full", part_of(paths[k])), 0);
         struct drv_writer *w = drv_writer_open(paths[k], &cfg, err, sizeof err);
+        if (k == 1) { /* the tables at its head fill more than the buffer */
+            ck_assert_ptr_null(w);
+            ck_assert_ptr_nonnull(strstr(err, "No space left"));
+            ck_assert_int_eq(exists(part_of(paths[k])), 0);
+            continue;
+        }
         ck_assert_ptr_nonnull(w); /* the head still fits the buffer */
         uint64_t seed = 23;
         struct drv_record r = random_record(&seed, 7, 1);
@@ -827,6 +904,8 @@ static Suite *log_suite(void)
     t = new_case(s, "event log");
     tcase_add_test(t, test_event_log_gives_back_every_record_bit_for_bit);
     tcase_add_test(t, test_event_log_replays_through_the_core);
+    tcase_add_test(t, test_dump_keeps_the_last_periods_before_a_fault_and_replays);
+    tcase_add_test(t, test_event_log_carries_its_tables);
     tcase_add_test(t, test_liblcm_reads_the_event_log);
     tcase_add_test(t, test_code_from_lcm_gen_reads_the_same_numbers);
     t = new_case(s, "damage");

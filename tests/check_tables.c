@@ -373,6 +373,7 @@ START_TEST(test_an_arm_too_fast_or_too_heavy_for_the_sums_is_refused)
         struct hdt_joint_tab *k = &arm.joint[j];
         memset(k->moment_q20, 0, sizeof k->moment_q20);
         memset(k->second_q20, 0, sizeof k->second_q20);
+        memset(k->stiffness, 0, sizeof k->stiffness);
         k->step_q24[0] = k->step_q24[1] = 0;
         k->v_lim_q24 = 1 << 24;
         k->a_lim_q16 = 10 << 16;
@@ -389,9 +390,20 @@ START_TEST(test_an_arm_too_fast_or_too_heavy_for_the_sums_is_refused)
     /* |a| <= (1000 + 2) rad/s^2 * step below 7936 m/s^2 */
     a->a_lim_q16 = 1000 << 16;
     ck_assert_double_eq_tol(D(largest_accepted(&b->step_q24[0], "step_q24", 1), 24), 7936 / 1002.0, 0.01);
+    /* whose product 64 bits do not hold */
+    const char *where = "";
+    a->a_lim_q16 = 7000 << 16;
+    b->step_q24[0] = b->step_q24[1] = INT32_MAX;
+    ck_assert_int_eq(hdt_tables_check(&arm, &where, NULL), HDT_TABLES_RANGE);
+    ck_assert_str_eq(where, "step_q24");
+    b->step_q24[0] = 1 << 24;
+    b->step_q24[1] = 0;
     a->a_lim_q16 = 10 << 16;
-    /* g h below 16384 N.m */
+    /* h below 1024 kg.m, g h below 16384 N.m */
     ck_assert_double_eq_tol(D(largest_accepted(&b->moment_q20[0], "moment_q20", 1), 20), 1024, 1);
+    arm.gravity_q24[2] = -(40 << 24);
+    ck_assert_double_eq_tol(D(largest_accepted(&b->moment_q20[0], "moment_q20", 1), 20), 16384 / 40.0, 1);
+    arm.gravity_q24[2] = -(10 << 24);
     b->a_lim_q16 = 100 << 16;
     /* moments of force below 31 << 12 N.m: (10 + 100 + 8) rad/s^2 * 2 * second */
     b->chain |= HDT_CHAIN_SKEW;

@@ -62,7 +62,7 @@ int main(int argc, char **argv)
                 return 4;
             run(&r);
             hdt_run_t_decode_cleanup(&r);
-        } else {
+        } else if (strcmp(e->channel, "HDT_CYCLE") == 0) {
             hdt_cycle_t c;
             if (hdt_cycle_t_decode(e->data, 0, e->datalen, &c) != e->datalen)
                 return 5;

@@ -23,7 +23,7 @@ namespace hdt::cli {
 namespace {
 
 struct HostOptions {
-    std::string model, bus, task = "lemniscate", mode = "torque", out, format = "A", overrun = "count";
+    std::string model, bus, task = "lemniscate", mode = "torque", out, format = "A", overrun = "count", dump;
     std::string telemetry;
     bool terms = false, operated = false, publishes = false;
     double telemetry_hz = 50;
@@ -254,7 +254,9 @@ int run(const HostOptions &o)
     std::unique_ptr<Telemetry> telemetry;
     if (o.publishes)
         telemetry = std::make_unique<Telemetry>(o.telemetry, tables, run_of(tables, model), o.telemetry_hz);
-    drv_writer *writer = rig::open_log(o.out, tables, model, {"task = " + o.task, "mode = " + o.mode}, o.terms);
+    rig::FaultDump dump(o.dump, &host->cycle);
+    const std::vector<std::string> head = {"task = " + o.task, "mode = " + o.mode};
+    drv_writer *writer = rig::open_log(o.out, tables, model, head, o.terms);
 
     auto desk = std::make_unique<Desk>(*host, ring, *box, writer, telemetry.get(), o.operated);
     Control control{*rt, *host, {o.priority, o.cpu, 1}};
@@ -268,6 +270,7 @@ int run(const HostOptions &o)
     bool keep = written && host->phase != DRV_HOST_SILENT;
     if (drv_writer_close(writer, keep) != 0 || !written)
         throw InputError(o.out + ": the log could not be written (disk full?)");
+    dump.write(tables, model, head);
     return rig::explain_end("hdt host", *host);
 }
 
@@ -283,6 +286,7 @@ void add_host(CLI::App &app, int &code)
     sub->add_option("--mode", o->mode, "torque or velocity")->capture_default_str();
     sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")->capture_default_str();
     sub->add_option("--out", o->out, "log to write: .csv or .lcm")->required();
+    sub->add_option("--dump", o->dump, "when a fault latches, the last periods before it, .lcm, to replay");
     sub->add_flag("--terms", o->terms, "also log every term's torque");
     sub->add_flag("--operator", o->operated, "wait for go, hold, clear, stop on standard input; its end is a stop");
     sub->add_option("--priority", o->priority, "SCHED_FIFO priority of the control thread; 0: none")

@@ -163,24 +163,59 @@ uint32_t mode_of(const std::string &text)
     throw InputError("--mode: expected torque or velocity, found \"" + text + "\"");
 }
 
-drv_writer *open_log(const std::string &path, const hdt_tables &tables, const hdt_arm &arm,
-                     const std::vector<std::string> &head, bool terms)
+namespace {
+
+drv_writer_cfg writer_cfg(const hdt_tables &tables, const hdt_arm &arm, const std::vector<std::string> &head,
+                          std::vector<const char *> *constants)
 {
-    std::vector<const char *> constants;
     for (const std::string &line : head)
-        constants.push_back(line.c_str());
-    constants.push_back(nullptr);
+        constants->push_back(line.c_str());
+    constants->push_back(nullptr);
     drv_writer_cfg cfg = {};
     cfg.tables = &tables;
     for (int j = 0; j < arm.joints; j++)
         cfg.ratio[j] = arm.joint[j].ratio;
-    cfg.constants = constants.data();
+    cfg.constants = constants->data();
+    return cfg;
+}
+
+} // namespace
+
+drv_writer *open_log(const std::string &path, const hdt_tables &tables, const hdt_arm &arm,
+                     const std::vector<std::string> &head, bool terms)
+{
+    std::vector<const char *> constants;
+    drv_writer_cfg cfg = writer_cfg(tables, arm, head, &constants);
     cfg.terms = terms;
     char error[512];
     drv_writer *writer = drv_writer_open(path.c_str(), &cfg, error, sizeof error);
     if (writer == nullptr)
         throw InputError(error);
     return writer;
+}
+
+FaultDump::FaultDump(std::string path, drv_cycle *cycle) : path_(std::move(path))
+{
+    if (path_.empty())
+        return;
+    if (path_.size() < 5 || path_.substr(path_.size() - 4) != ".lcm")
+        throw InputError("--dump: expected a name ending in .lcm, found " + path_);
+    slots_.resize(2048); // between 1.5 and 3 seconds of periods
+    dump_ = std::make_unique<drv_dump>();
+    drv_dump_init(dump_.get(), slots_.data(), static_cast<unsigned>(slots_.size()), &cycle->core);
+    cycle->dump = dump_.get();
+}
+
+void FaultDump::write(const hdt_tables &tables, const hdt_arm &arm, const std::vector<std::string> &head) const
+{
+    if (!dump_ || !dump_->full)
+        return;
+    std::vector<const char *> constants;
+    drv_writer_cfg cfg = writer_cfg(tables, arm, head, &constants);
+    char error[512];
+    if (drv_dump_write(dump_.get(), path_.c_str(), &cfg, error, sizeof error) != 0)
+        throw InputError(error);
+    std::fprintf(stderr, "the periods before the fault are in %s; hdt replay %s\n", path_.c_str(), path_.c_str());
 }
 
 void go_real_time(const char *who, int priority)

@@ -7,6 +7,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -46,6 +47,18 @@ uint32_t mode_of(const std::string &text);     // "torque", "velocity"; throws I
 // A log writer for this arm; head: "key = value" lines.  Throws InputError.
 drv_writer *open_log(const std::string &path, const hdt_tables &tables, const hdt_arm &arm,
                      const std::vector<std::string> &head, bool terms);
+
+// The last periods before a fault, written when one has latched.  Path "": none is kept.
+class FaultDump {
+public:
+    FaultDump(std::string path, drv_cycle *cycle); // from the next period on; throws InputError
+    void write(const hdt_tables &tables, const hdt_arm &arm, const std::vector<std::string> &head) const;
+
+private:
+    std::string path_;
+    std::vector<drv_record> slots_;
+    std::unique_ptr<drv_dump> dump_;
+};
 
 // Real-time priority for the calling thread and locked memory where the system lets us; says on
 // stderr what it does not get.

@@ -14,7 +14,7 @@ namespace hdt::cli {
 namespace {
 
 struct SimOptions {
-    std::string arm, model, task = "lemniscate", mode = "torque", out, effect_file;
+    std::string arm, model, task = "lemniscate", mode = "torque", out, effect_file, dump;
     std::string format = "A", integrator = "verlet";
     std::vector<std::string> effects;
     uint64_t seed = 1, individual = 0;
@@ -95,10 +95,12 @@ int run(const SimOptions &o)
     Eigen::VectorXd start = reference.q_rad.row(0);
     rig::World world(tables, plant, fixed, model.control_rate_hz, {start.begin(), start.end()}, setup);
 
+    rig::FaultDump dump(o.dump, &world.host().cycle);
     drv_writer *writer = rig::open_log(o.out, tables, model, log_head(o), o.terms);
     bool written = play(world, writer, fixed.view().samples);
     if (drv_writer_close(writer, written) != 0 || !written)
         throw InputError(o.out + ": the log could not be written (disk full?)");
+    dump.write(tables, model, log_head(o));
     return rig::explain_end("hdt sim", world.host());
 }
 
@@ -113,6 +115,7 @@ void add_sim(CLI::App &app, int &code)
     sub->add_option("--task", o->task, "reference motion, e.g. lemniscate, excite:seed=3,seconds=40")->capture_default_str();
     sub->add_option("--mode", o->mode, "torque or velocity")->capture_default_str();
     sub->add_option("--out", o->out, "log to write: .csv or .lcm")->required();
+    sub->add_option("--dump", o->dump, "when a fault latches, the last periods before it, .lcm, to replay");
     sub->add_option("--effect", o->effects, "hide an effect in the plant: NAME=SIZE[@JOINT][:key=value,...]\n" + rig::effect_menu());
     sub->add_option("--effect-file", o->effect_file, "hide the effects in this file, one a line");
     sub->add_option("--seed", o->seed, "this run's noise and scatter")->capture_default_str();
