@@ -478,7 +478,7 @@ START_TEST(test_code_from_lcm_gen_reads_the_same_numbers)
     fprintf(f, "\n");
     for (unsigned j = 0; j < 7; j++)
         fprintf(f, " %.17g", cfg.ratio[j]);
-    fprintf(f, "\n%s\n%s\n.\nevent 1 0 HDT_TABLES\n", constants[0], constants[1]);
+    fprintf(f, "\n%s\n%s\n.\nevent 1 5000000 HDT_TABLES\n", constants[0], constants[1]);
     uint64_t seed = 14;
     for (unsigned i = 0; i < 20; i++) {
         struct drv_record r = random_record(&seed, 7, 5000000 + 1429 * (uint64_t)i);

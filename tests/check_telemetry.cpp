@@ -63,7 +63,7 @@ Result loop(const std::string &options)
 struct Log {
     std::vector<hdt_status_t> status;              // their strings leak, in a test
     std::map<int64_t, std::vector<int32_t>> total; // by time, of a cycle
-    unsigned runs = 0;
+    unsigned runs = 0, tables = 0;
 };
 
 Log read_log(const std::string &name)
@@ -82,6 +82,8 @@ Log read_log(const std::string &name)
             hdt_cycle_t_decode_cleanup(&c);
         } else if (channel == "HDT_RUN") {
             all.runs++;
+        } else if (channel == "HDT_TABLES") {
+            all.tables++;
         } else {
             ck_abort_msg("%s: another event, or not of its type", channel.c_str());
         }
