@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 namespace hdt {
 
@@ -98,6 +99,14 @@ std::vector<EffectParameter> tilt_parameters(const Found &f)
     return out;
 }
 
+double fastest_radps(const JointWork &w)
+{
+    double v_max = 0;
+    for (const BlockRows &b : w.fit)
+        v_max = b.size() > 0 ? std::max(v_max, b.v.cwiseAbs().maxCoeff()) : v_max;
+    return v_max;
+}
+
 const char *const kGeneric[] = {"c1", "c2", "c3", "c4"};
 
 struct Writer {
@@ -125,7 +134,7 @@ struct Writer {
     void append(const std::string &id, const std::vector<std::pair<std::string, EffectParameter>> &numbers,
                 const std::vector<std::pair<std::string, std::string>> &texts = {}) const
     {
-        if (id != "order_line")
+        if (id != "order_line" && id != "local_friction")
             if (const int i = existing(id))
                 file->erase(joint + ".effect." + std::to_string(i));
         std::vector<std::pair<std::string, std::string>> t = {{"id", id}};
@@ -137,8 +146,31 @@ struct Writer {
     }
 };
 
+// The joint's one table; false when it has one already.
+bool write_table(const Writer &out, const std::string &axis, const char *unit, double from, double to, bool directed,
+                 const std::function<double(double)> &torque_nm, double sigma_nm)
+{
+    const std::string at = out.joint + ".table.";
+    if (out.file->has(at + "torque"))
+        return false;
+    Quantity span, torque;
+    span.value = {from, to};
+    span.sigma = {0, 0};
+    span.unit = unit;
+    for (int k = 0; k < HDT_ARM_CURVE_POINTS; ++k) {
+        torque.value.push_back(torque_nm(from + (to - from) * k / (HDT_ARM_CURVE_POINTS - 1)));
+        torque.sigma.push_back(sigma_nm);
+    }
+    torque.unit = "N m";
+    span.source = torque.source = kSource;
+    out.file->set(at + axis, span);
+    out.file->set(at + "torque", torque);
+    out.file->set_text(at + "directed", directed ? "true" : "false");
+    return true;
+}
+
 // One effect of a joint; false when the model has no term for it.
-bool write_effect(const Writer &out, const std::string &id, std::vector<EffectParameter> p)
+bool write_effect(const Writer &out, const std::string &id, std::vector<EffectParameter> p, double v_max_radps)
 {
     const int i = out.existing(id);
     if (id == "torque_gain") {
@@ -169,6 +201,19 @@ bool write_effect(const Writer &out, const std::string &id, std::vector<EffectPa
     } else if (id == "torque_offset") {
         p[0].value += i ? out.old(i, "torque") : 0;
         out.append(id, {{"torque", p[0]}});
+    } else if (id == "local_friction") {
+        int bumps = 0;
+        for (int k = 1; k <= out.file->count(out.joint + ".effect"); ++k)
+            bumps += out.file->get_text(out.joint + ".effect." + std::to_string(k) + ".id") == id;
+        if (bumps >= HDT_LINES_MAX)
+            return false;
+        out.append(id, {{"torque", p[0]}, {"at", p[1]}, {"width", p[2]}});
+    } else if (id == "viscous_nonlinear") {
+        const auto curve = [&](double v) { return p[0].value * v * v + p[1].value * v * v * v; };
+        return write_table(out, "over_speed", "rad/s", 0, v_max_radps, true, curve, p[0].sigma * v_max_radps * v_max_radps);
+    } else if (id == "stribeck_shape") {
+        const auto curve = [&](double v) { return p[0].value * std::exp(-v / p[1].value); };
+        return write_table(out, "over_speed", "rad/s", 0, v_max_radps, true, curve, p[0].sigma);
     } else if (id == "order_line") {
         int lines = 0;
         for (int k = 1; k <= out.file->count(out.joint + ".effect"); ++k)
@@ -304,7 +349,7 @@ std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &
         if (w.found[k].chain_theta)
             continue;
         const std::vector<EffectParameter> p = effect_parameters(arm, w, e, k);
-        if (!write_effect(out, id, p)) {
+        if (!write_effect(out, id, p, fastest_radps(w))) {
             refused += (refused.empty() ? "" : ", ") + id;
         } else if (id == "cable_spring" && p[1].value != 0) {
             // the rest takes over the offset friction's two directions held
@@ -315,7 +360,7 @@ std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &
     }
     if (w.offset) {
         const EffectParameter c = offset_parameter(w, e);
-        if (write_effect(out, "torque_offset", {c})) {
+        if (write_effect(out, "torque_offset", {c}, 0)) {
             friction[0] -= c.value;
             friction[1] += c.value;
         }
@@ -327,11 +372,30 @@ std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &
     return words;
 }
 
+std::string adopt_axis(ArmFile *file, const JointWork &w, const Found &axis, const VectorXd &theta)
+{
+    const Writer out{file, "joint." + std::to_string(w.joint + 1)};
+    const std::string &name = axis.family.axis;
+    const std::size_t comma = name.find(',');
+    const std::string over = name.substr(0, comma), own = "q" + std::to_string(w.joint + 1);
+    const std::vector<double> &knots = axis.family.knots;
+    const auto curve = [&](double x) {
+        const double step = knots[1] - knots[0], last = static_cast<double>(knots.size() - 1);
+        const double at = std::clamp((x - knots[0]) / step, 0.0, last);
+        const auto k = static_cast<Eigen::Index>(std::min(at, last - 1));
+        return theta[k] + (theta[k + 1] - theta[k]) * (at - static_cast<double>(k));
+    };
+    file->set_text(std::string("sources.") + kSource, kSourceWords);
+    const bool known = over == own || over == "load";
+    if (known && write_table(out, over == own ? "over_position" : "over_load", over == own ? "rad" : "N m", knots.front(),
+                             knots.back(), comma != std::string::npos, curve, w.floor_nm))
+        return "";
+    return "the model file has no table over " + name + (known ? " free" : "") + "; it is not adopted";
+}
+
 void adopt_friction(ArmFile *file, const JointWork &w, const VectorXd &change, const VectorXd &sigma)
 {
-    double v_max = 0;
-    for (const BlockRows &b : w.fit)
-        v_max = b.size() > 0 ? std::max(v_max, b.v.cwiseAbs().maxCoeff()) : v_max;
+    const double v_max = fastest_radps(w);
     file->set_text(std::string("sources.") + kSource, kSourceWords);
     write_friction({file, "joint." + std::to_string(w.joint + 1)}, file->arm().joint[w.joint], change, sigma, v_max);
 }

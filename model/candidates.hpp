@@ -18,9 +18,9 @@ namespace hdt {
 
 struct Gates {
     double alpha = 0.05;         // false discoveries among everything named
-    double floor_share = 0.15;   // nor is one far below what runs scatter anyway
-    double loose_share = 1.2;    // what the model file has no term for must show this much more
-    double healthy_share = 2;    // and this much what healthy joints show some of
+    double floor_share = 0.1;    // nor is one far below what runs scatter anyway
+    double loose_share = 1.6;    // what the model file has no term for must show this much more
+    double healthy_share = 3.2;   // and this much what healthy joints show some of
     double remnant_share = 0.1;  // of the effects already found: less is their remnant
     int min_runs = 3;            // informative runs the effect must help in
 };

@@ -584,7 +584,7 @@ void put_words(std::size_t runs, JointDiagnosis *d, const std::string &doubt)
         d->words = "The model lacks " + names + "; " + errors + ".";
     else if (d->verdict == "unnamed")
         d->words = "The model lacks " + names + ", none of the known effects explains it; " + errors
-                   + " with a table over that axis, which is not in the model file.";
+                   + " with a table over that axis.";
     else if (d->verdict == "suspect")
         d->words = "Perhaps " + names + ", but " + doubt + "; nothing is adopted; held-out error"
                    + text(" %.3g N.m (noise floor %.3g).", d->rms_before_nm, d->noise_floor_nm);
@@ -770,7 +770,13 @@ bool take_friction(const Start &start, JointDiagnosis *d)
     return true;
 }
 
-struct Judged { JointDiagnosis d; JointEstimate e; bool adopt = false; };
+struct Judged {
+    JointDiagnosis d;
+    JointEstimate e;
+    Found axis;
+    VectorXd axis_theta;
+    bool adopt = false;
+};
 
 Judged judge_as_found(const hdt_arm &arm, const JointWork &w, const Found &axis, const Start &start,
                       const Independent &runs, const Gates &gates)
@@ -779,7 +785,8 @@ Judged judge_as_found(const hdt_arm &arm, const JointWork &w, const Found &axis,
     JointDiagnosis &d = out.d;
     d.joint = w.joint + 1;
     d.noise_floor_nm = w.floor_nm;
-    VectorXd axis_theta;
+    out.axis = axis;
+    VectorXd &axis_theta = out.axis_theta;
     out.e = estimate(w, axis, &axis_theta);
     widen_by_place(w, &out.e);
     HeldOut h = held_out(w, out.e, axis, axis_theta, start.refit);
@@ -800,7 +807,7 @@ Judged judge_as_found(const hdt_arm &arm, const JointWork &w, const Found &axis,
     } else {
         doubt = judge(w, out.e, runs, h, !axis.family.id.empty(), &d);
     }
-    out.adopt = d.verdict == "named" || (d.verdict == "unnamed" && d.effects.size() > 1);
+    out.adopt = d.verdict == "named" || d.verdict == "unnamed";
     d.rms_after_nm = d.verdict == "named" || d.verdict == "unnamed" ? rms(h.after) : d.rms_before_nm;
     d.next_experiment = next_experiment(arm, w, out.e, d, runs.count);
     put_words(runs.count, &d, doubt);
@@ -904,9 +911,12 @@ void adopt(ArmFile *model, const Works &works, const std::vector<Start> &start, 
             adopt_friction(model, *works[j], start[j].refit, start[j].refit_sigma);
         if (!g.adopt)
             continue;
-        std::string refused = adopt_joint(model, *works[j], g.e);
+        const std::string no_table = g.axis.family.id.empty() ? "" : adopt_axis(model, *works[j], g.axis, g.axis_theta);
+        // what was fitted beside a curve the file cannot hold is right only beside it
+        std::string refused = no_table.empty() || !works[j]->found.empty() ? adopt_joint(model, *works[j], g.e) : "";
         for (Effect &e : g.d.effects)
-            e.adopted = e.id != "unnamed" && refused.find(" " + e.id) == std::string::npos;
+            e.adopted = e.id == "unnamed" ? no_table.empty() : refused.find(" " + e.id) == std::string::npos;
+        refused += no_table;
         for (const Found &f : works[j]->found)
             if (f.chain_theta && chain.insert(f.family.id).second)
                 refused += adopt_chain(model, f);

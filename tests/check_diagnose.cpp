@@ -334,8 +334,18 @@ START_TEST(test_every_effect_of_the_contract_can_be_named)
         ck_assert_msg(std::abs(p->value - c.value) < 4 * p->sigma + 0.1 * std::abs(c.value), "%s: %s", c.id, j.words.c_str());
     }
     // only what a model can hold is in the model
-    const std::vector<std::string> holds = {"torque_offset", "base_tilt", "link_mass"};
+    const std::vector<std::string> holds = {"torque_offset", "base_tilt", "link_mass", "local_friction", "viscous_nonlinear",
+                                            "stribeck_shape"};
     ck_assert_int_eq(j.effects[0].adopted, has(holds, c.id));
+    if (!j.effects[0].adopted)
+        return;
+    // the file's own words for it do what was fitted
+    for (auto *list : {&fit, &test})
+        for (std::size_t i = 0; i < list->size(); ++i)
+            (*list)[i] = planar::make_run(c.hidden, noise, (list == &fit ? 32000u : 32100u) + i, 20);
+    const JointDiagnosis again = diagnose(d.model, fit, test, {}).joints[0];
+    ck_assert_msg(again.rms_before_nm < std::max(0.8 * j.rms_before_nm, 1.1 * again.rms_refit_nm), "%s: %g as adopted, %g before, %g with friction fitted again",
+                  c.id, again.rms_before_nm, j.rms_before_nm, again.rms_refit_nm);
 }
 END_TEST
 
