@@ -36,7 +36,7 @@ static inline int32_t hdt_vel_difference(int32_t count, int32_t previous, int64_
     /* modulo 2^32, then signed; 2^24 counts are beyond +-128 rad/s at any resolution in use */
     const uint32_t up = (uint32_t)count - (uint32_t)previous, half = (uint32_t)1 << 31;
     const int64_t difference = (int64_t)(up ^ half) - half;
-    const int64_t counts = hdt_clamp(difference, -((int64_t)1 << 24), (int64_t)1 << 24);
+    const int64_t counts = hdt_within(difference, (int64_t)1 << 24);
 
     /* 2^24 * 2^38 = 2^62, q32 -> q24 */
     return hdt_sat(hdt_shr(counts * per_count_q32, 8));
@@ -78,17 +78,17 @@ static inline int32_t hdt_vel_observe(struct hdt_obs *s, const int32_t gain[3], 
     const int64_t quarter = (int64_t)1 << 30, v_max = ((int64_t)1 << 47) - 1, a_max = (int64_t)1 << 28;
 
     if (fresh) {
-        const int64_t e_q32 = hdt_clamp(hdt_shr(q_q40 - s->q_q40, 8), -quarter, quarter);
+        const int64_t e_q32 = hdt_within(hdt_shr(q_q40 - s->q_q40, 8), quarter);
         s->q_q40 += hdt_shr(e_q32 * gain[0], 22);
-        s->v_q40 = hdt_clamp(s->v_q40 + hdt_shr(e_q32 * gain[1], 8), -v_max, v_max);
-        s->d_q32 = hdt_clamp(s->d_q32 + hdt_shr(e_q32 * gain[2], 8), -(a_max << 16), a_max << 16);
+        s->v_q40 = hdt_within(s->v_q40 + hdt_shr(e_q32 * gain[1], 8), v_max);
+        s->d_q32 = hdt_within(s->d_q32 + hdt_shr(e_q32 * gain[2], 8), a_max << 16);
     }
     const int32_t v_q24 = hdt_sat(hdt_shr(s->v_q40, 16));
-    const int64_t a_q16 = hdt_clamp(s->a_q16 + hdt_shr(s->d_q32, 16), -a_max, a_max);
+    const int64_t a_q16 = hdt_within(s->a_q16 + hdt_shr(s->d_q32, 16), a_max);
 
     /* rad/s q22 * q32 -> q40; rad/s^2 q16 * q32 -> q40 */
     s->q_q40 += hdt_shr(hdt_shr(s->v_q40, 18) * period_q32, 14);
-    s->v_q40 = hdt_clamp(s->v_q40 + hdt_shr(a_q16 * period_q32, 8), -v_max, v_max);
+    s->v_q40 = hdt_within(s->v_q40 + hdt_shr(a_q16 * period_q32, 8), v_max);
     return v_q24;
 }
 
