@@ -71,11 +71,13 @@ static inline int32_t hdt_vel_filter(struct hdt_vel *s, const int32_t biquad_q28
  *     q^ += v^ dt;  v^ += (a + d^) dt
  * with a the acceleration the model expects of the torque let through last period (hdt_obs.a_q16).
  * Returns the velocity before it goes on to the next period.
- * Overflow: e is clamped to +-0.25 rad (q32, 2^30), v^ to +-128 rad/s, a + d^ to +-4096 rad/s^2; gains are
- * at most 2^30, the period 2^32 (q32 of a second), so products stay below 2^62. */
+ * Overflow: e is clamped to +-0.25 rad (q32, 2^30), q^ to +-256 rad (the angle of counts ends at 128), v^ to
+ * +-128 rad/s, a + d^ to +-4096 rad/s^2; gains are at most 2^30, the period 2^32 (q32 of a second), so
+ * products stay below 2^62. */
 static inline int32_t hdt_vel_observe(struct hdt_obs *s, const int32_t gain[3], int64_t q_q40, int fresh, uint32_t period_q32)
 {
-    const int64_t quarter = (int64_t)1 << 30, v_max = ((int64_t)1 << 47) - 1, a_max = (int64_t)1 << 28;
+    const int64_t quarter = (int64_t)1 << 30, q_max = (int64_t)1 << 48;
+    const int64_t v_max = ((int64_t)1 << 47) - 1, a_max = (int64_t)1 << 28;
 
     if (fresh) {
         const int64_t e_q32 = hdt_within(hdt_shr(q_q40 - s->q_q40, 8), quarter);
@@ -87,7 +89,7 @@ static inline int32_t hdt_vel_observe(struct hdt_obs *s, const int32_t gain[3], 
     const int64_t a_q16 = hdt_within(s->a_q16 + hdt_shr(s->d_q32, 16), a_max);
 
     /* rad/s q22 * q32 -> q40; rad/s^2 q16 * q32 -> q40 */
-    s->q_q40 += hdt_shr(hdt_shr(s->v_q40, 18) * period_q32, 14);
+    s->q_q40 = hdt_within(s->q_q40 + hdt_shr(hdt_shr(s->v_q40, 18) * period_q32, 14), q_max);
     s->v_q40 = hdt_within(s->v_q40 + hdt_shr(a_q16 * period_q32, 8), v_max);
     return v_q24;
 }
