@@ -47,7 +47,7 @@ int32_t hdt_comp_spring(const struct hdt_joint_tab *j, const struct hdt_motion *
 {
     /* 2^31 * 2^32 would not fit */
     const int32_t wound_q24 = hdt_sat((int64_t)m->q_q24 - j->spring_q0_q24);
-    return (int32_t)hdt_clamp(hdt_shr((int64_t)j->spring_q16 * wound_q24, 24), -HDT_SPRING_MAX_Q16, HDT_SPRING_MAX_Q16);
+    return (int32_t)hdt_within(hdt_shr((int64_t)j->spring_q16 * wound_q24, 24), HDT_SPRING_MAX_Q16);
 }
 
 int32_t hdt_comp_hysteresis(const struct hdt_joint_tab *j, const struct hdt_motion *m, int32_t load_q16)

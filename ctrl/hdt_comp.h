@@ -36,8 +36,7 @@ struct hdt_motion {
 /* Counts from zero, joint direction.  Overflow: clamped. */
 static inline int32_t hdt_comp_turned(const struct hdt_joint_tab *j, int32_t count)
 {
-    const int64_t turned = (int64_t)count - j->zero_cnt;
-    return hdt_sat(j->sign < 0 ? -turned : turned);
+    return hdt_sat(((int64_t)count - j->zero_cnt) * j->sign);
 }
 
 /* Output angle of that many counts as a number.  Overflow: clamped to +-128 rad. */
@@ -59,8 +58,7 @@ static inline hdt_phase_t hdt_comp_phase(uint64_t phase_per_count_q24, int32_t t
 static inline int32_t hdt_comp_direction_q30(const struct hdt_joint_tab *j, int32_t v_ref_q24)
 {
     /* q24 * q16 = q40 -> q30 */
-    const int64_t one = (int64_t)1 << 30;
-    return (int32_t)hdt_clamp(hdt_shr((int64_t)v_ref_q24 * j->v_ramp_inv_q16, 10), -one, one);
+    return (int32_t)hdt_within(hdt_shr((int64_t)v_ref_q24 * j->v_ramp_inv_q16, 10), (int64_t)1 << 30);
 }
 
 /* ---- terms of the paper ---- */

@@ -82,19 +82,31 @@ static int32_t cold_share(const hdt_t *h, uint32_t j)
 struct pace {
     uint64_t now_us, longest_us;  /* time of these counts; gaps beyond the longest are not spanned */
     uint64_t gap_us;
-    uint32_t shortest_us, rate_q16;
+    uint32_t seen;                /* bit per joint: it had a count before; none if the gap is not spanned */
+    uint32_t seen_before, shortest_us, rate_q16;
 };
 
-static struct pace pace_of(const struct hdt_tables *t, const struct hdt_in *in)
+static struct pace pace_of(const hdt_t *h, const struct hdt_in *in)
 {
-    const uint32_t period_us = t->period_ns / 1000u, quarter_us = period_us / 4u;
+    const uint32_t period_us = h->tables->period_ns / 1000u, quarter_us = period_us / 4u;
     struct pace p;
     p.now_us = in->count_us != 0 ? in->count_us : in->t_us;
     p.longest_us = ((uint64_t)period_us * (2 * HDT_VEL_GAP_MAX + 1)) / 2;
     p.shortest_us = quarter_us > 16u ? quarter_us : 16u;
     p.gap_us = 0;
+    p.seen = 0;
+    p.seen_before = h->seen;
     p.rate_q16 = 0;
     return p;
+}
+
+/* A late host makes a long difference; it must not look like a fast arm. */
+static void pace_turns(struct pace *p, uint64_t gap_us)
+{
+    p->gap_us = gap_us;
+    p->seen = gap_us - 1u < p->longest_us ? p->seen_before : 0;
+    if (p->seen != 0)
+        p->rate_q16 = hdt_vel_rate_q16(gap_us > p->shortest_us ? (uint32_t)gap_us : p->shortest_us);
 }
 
 /* Newest count to filtered velocity.  Without a new count the last difference is held. */
@@ -105,20 +117,15 @@ static inline int32_t measure_velocity(hdt_t *h, const struct hdt_in *in, uint32
     int32_t x_q24 = vel->x_q24[0];
 
     if (in->fresh >> j & 1u) {
-        /* a late host makes a long difference; it must not look like a fast arm */
         const uint64_t gap_us = p->now_us - h->count_us[j];
-        if ((h->seen >> j & 1u) && gap_us - 1u < p->longest_us) {
-            if (gap_us != p->gap_us) {
-                p->gap_us = gap_us;
-                p->rate_q16 = hdt_vel_rate_q16(gap_us > p->shortest_us ? (uint32_t)gap_us : p->shortest_us);
-            }
+        if (gap_us != p->gap_us)
+            pace_turns(p, gap_us);
+        if (p->seen >> j & 1u) {
             const int64_t per_count = hdt_vel_per_count_q32(t->joint[j].rad_per_count_q44, p->rate_q16);
-            x_q24 = hdt_vel_difference(in->count[j].raw, h->count[j], per_count);
-            x_q24 = t->joint[j].sign < 0 ? -x_q24 : x_q24;
+            x_q24 = hdt_vel_difference(in->count[j].raw, h->count[j], per_count) * t->joint[j].sign;
         }
         h->count[j] = in->count[j].raw;
         h->count_us[j] = p->now_us;
-        h->seen |= (uint32_t)1 << j;
     }
     return hdt_vel_filter(vel, t->biquad_q28, x_q24);
 }
@@ -145,9 +152,9 @@ static int32_t pass_windup(hdt_t *h, uint32_t j, int32_t v_ref_q24, uint32_t per
 {
     /* q24 * q32 = q56 -> rad q30, at most 2 rad a period; q30 * q8 -> q30 */
     const int64_t one = (int64_t)1 << 30;
-    const int64_t step = hdt_clamp(hdt_shr((int64_t)v_ref_q24 * period_q32, 26), -2 * one, 2 * one);
+    const int64_t step = hdt_within(hdt_shr((int64_t)v_ref_q24 * period_q32, 26), 2 * one);
     const int64_t wound = h->wound_q30[j] + hdt_shr(step * h->tables->joint[j].windup_inv_q8, 8);
-    h->wound_q30[j] = (int32_t)hdt_clamp(wound, -one, one);
+    h->wound_q30[j] = (int32_t)hdt_within(wound, one);
     return h->wound_q30[j];
 }
 
@@ -159,7 +166,7 @@ static void observe(hdt_t *h, const struct hdt_in *in, uint32_t j, uint32_t peri
     struct hdt_obs *s = &h->obs[j];
     /* below 2^63, q44 -> q40; no further than +-128 rad */
     const int64_t far_q40 = (int64_t)1 << 47;
-    const int64_t q_q40 = hdt_clamp(hdt_shr((int64_t)k->turned * tab->rad_per_count_q44, 4), -far_q40, far_q40);
+    const int64_t q_q40 = hdt_within(hdt_shr((int64_t)k->turned * tab->rad_per_count_q44, 4), far_q40);
 
     /* it starts, and starts again after a fault of more than a quarter rad, where the arm is */
     const int64_t off = q_q40 - s->q_q40, quarter = (int64_t)1 << 38;
@@ -174,7 +181,7 @@ static void observe(hdt_t *h, const struct hdt_in *in, uint32_t j, uint32_t peri
     if (t->observer >> HDT_OBSERVED_FEEDBACK & 1u)
         k->v_q24 = v_q24;
     if (t->observer >> HDT_OBSERVED_FRICTION & 1u) {
-        k->v_fric_q24 = (int32_t)hdt_clamp(v_q24, -tab->v_lim_q24, tab->v_lim_q24);
+        k->v_fric_q24 = (int32_t)hdt_within(v_q24, tab->v_lim_q24);
         k->dir_q30 = hdt_comp_direction_q30(tab, k->v_fric_q24);
     }
 }
@@ -195,17 +202,18 @@ static void expect(hdt_t *h, const struct hdt_in *in, const struct hdt_motion m[
             a_q16 = hdt_shr(hdt_sat(rest_q16) * (int64_t)tab->inertia_inv_q20, 20);
             a_q16 += tab->terms & USE(HDT_TERM_INERTIA) ? m[j].a_ref_q16 : 0;
         }
-        h->obs[j].a_q16 = (int32_t)hdt_clamp(a_q16, -((int64_t)1 << 28), (int64_t)1 << 28);
+        h->obs[j].a_q16 = (int32_t)hdt_within(a_q16, (int64_t)1 << 28);
     }
 }
 
 static void measure(hdt_t *h, const struct hdt_in *in, struct hdt_motion m[], struct hdt_out *out)
 {
     const struct hdt_tables *t = h->tables;
-    struct pace pace = pace_of(t, in);
+    struct pace pace = pace_of(h, in);
     /* ns to s q32: 2^62 / 1e9 = 4611686018 */
     const uint32_t period_q32 = (uint32_t)(((uint64_t)t->period_ns * 4611686018u) >> 30);
 
+    h->seen |= in->fresh & (((uint32_t)1 << t->joints) - 1u);
     for (uint32_t j = 0; j < t->joints; j++) {
         const struct hdt_joint_tab *tab = &t->joint[j];
         struct hdt_motion *k = &m[j];
@@ -213,8 +221,8 @@ static void measure(hdt_t *h, const struct hdt_in *in, struct hdt_motion m[], st
         k->turned = hdt_comp_turned(tab, h->count[j]);
         k->q_q24 = hdt_comp_angle_q24(tab, k->turned);
         k->q_ref_q24 = in->q_ref[j].raw;
-        k->v_ref_q24 = (int32_t)hdt_clamp(in->v_ref[j].raw, -tab->v_lim_q24, tab->v_lim_q24);
-        k->a_ref_q16 = (int32_t)hdt_clamp(in->a_ref[j].raw, -tab->a_lim_q16, tab->a_lim_q16);
+        k->v_ref_q24 = (int32_t)hdt_within(in->v_ref[j].raw, tab->v_lim_q24);
+        k->a_ref_q16 = (int32_t)hdt_within(in->a_ref[j].raw, tab->a_lim_q16);
         k->v_fric_q24 = k->v_ref_q24;
         k->dir_q30 = hdt_comp_direction_q30(tab, k->v_ref_q24);
         k->travel_q40 = tab->terms & USE(HDT_TERM_PRESLIDING) ? pass_travel(h, j, k->v_ref_q24, period_q32) : 0;

@@ -43,10 +43,25 @@ static inline int64_t hdt_shr(int64_t x, unsigned n)
     return (x + ((int64_t)1 << (n - 1u))) >> n;
 }
 
+/* Is x outside -bound .. bound?  bound >= 0.  Modulo 2^64 the range begins at 0 and is one comparison. */
+static inline int hdt_beyond(int64_t x, int64_t bound)
+{
+    return (uint64_t)x + (uint64_t)bound > (uint64_t)bound * 2u;
+}
+
+/* x within -bound .. bound; bound >= 0. */
+static inline int64_t hdt_within(int64_t x, int64_t bound)
+{
+    if (hdt_beyond(x, bound))
+        return x < 0 ? -bound : bound;
+    /*@ assert not_beyond: -bound <= x <= bound; */
+    return x;
+}
+
 /* Overflow: clamped to +-(2^31 - 1), symmetric so that negation never overflows. */
 static inline int32_t hdt_sat(int64_t x)
 {
-    return x > INT32_MAX ? INT32_MAX : x < -INT32_MAX ? -INT32_MAX : (int32_t)x;
+    return (int32_t)hdt_within(x, INT32_MAX);
 }
 
 /* a * b / 2^n.  Overflow: 64-bit product, then clamped as hdt_sat. */

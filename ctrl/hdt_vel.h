@@ -36,7 +36,7 @@ static inline int32_t hdt_vel_difference(int32_t count, int32_t previous, int64_
     /* modulo 2^32, then signed; 2^24 counts are beyond +-128 rad/s at any resolution in use */
     const uint32_t up = (uint32_t)count - (uint32_t)previous, half = (uint32_t)1 << 31;
     const int64_t difference = (int64_t)(up ^ half) - half;
-    const int64_t counts = hdt_clamp(difference, -((int64_t)1 << 24), (int64_t)1 << 24);
+    const int64_t counts = hdt_within(difference, (int64_t)1 << 24);
 
     /* 2^24 * 2^38 = 2^62, q32 -> q24 */
     return hdt_sat(hdt_shr(counts * per_count_q32, 8));
@@ -71,24 +71,26 @@ static inline int32_t hdt_vel_filter(struct hdt_vel *s, const int32_t biquad_q28
  *     q^ += v^ dt;  v^ += (a + d^) dt
  * with a the acceleration the model expects of the torque let through last period (hdt_obs.a_q16).
  * Returns the velocity before it goes on to the next period.
- * Overflow: e is clamped to +-0.25 rad (q32, 2^30), v^ to +-128 rad/s, a + d^ to +-4096 rad/s^2; gains are
- * at most 2^30, the period 2^32 (q32 of a second), so products stay below 2^62. */
+ * Overflow: e is clamped to +-0.25 rad (q32, 2^30), q^ to +-256 rad (the angle of counts ends at 128), v^ to
+ * +-128 rad/s, a + d^ to +-4096 rad/s^2; gains are at most 2^30, the period 2^32 (q32 of a second), so
+ * products stay below 2^62. */
 static inline int32_t hdt_vel_observe(struct hdt_obs *s, const int32_t gain[3], int64_t q_q40, int fresh, uint32_t period_q32)
 {
-    const int64_t quarter = (int64_t)1 << 30, v_max = ((int64_t)1 << 47) - 1, a_max = (int64_t)1 << 28;
+    const int64_t quarter = (int64_t)1 << 30, q_max = (int64_t)1 << 48;
+    const int64_t v_max = ((int64_t)1 << 47) - 1, a_max = (int64_t)1 << 28;
 
     if (fresh) {
-        const int64_t e_q32 = hdt_clamp(hdt_shr(q_q40 - s->q_q40, 8), -quarter, quarter);
+        const int64_t e_q32 = hdt_within(hdt_shr(q_q40 - s->q_q40, 8), quarter);
         s->q_q40 += hdt_shr(e_q32 * gain[0], 22);
-        s->v_q40 = hdt_clamp(s->v_q40 + hdt_shr(e_q32 * gain[1], 8), -v_max, v_max);
-        s->d_q32 = hdt_clamp(s->d_q32 + hdt_shr(e_q32 * gain[2], 8), -(a_max << 16), a_max << 16);
+        s->v_q40 = hdt_within(s->v_q40 + hdt_shr(e_q32 * gain[1], 8), v_max);
+        s->d_q32 = hdt_within(s->d_q32 + hdt_shr(e_q32 * gain[2], 8), a_max << 16);
     }
     const int32_t v_q24 = hdt_sat(hdt_shr(s->v_q40, 16));
-    const int64_t a_q16 = hdt_clamp(s->a_q16 + hdt_shr(s->d_q32, 16), -a_max, a_max);
+    const int64_t a_q16 = hdt_within(s->a_q16 + hdt_shr(s->d_q32, 16), a_max);
 
     /* rad/s q22 * q32 -> q40; rad/s^2 q16 * q32 -> q40 */
-    s->q_q40 += hdt_shr(hdt_shr(s->v_q40, 18) * period_q32, 14);
-    s->v_q40 = hdt_clamp(s->v_q40 + hdt_shr(a_q16 * period_q32, 8), -v_max, v_max);
+    s->q_q40 = hdt_within(s->q_q40 + hdt_shr(hdt_shr(s->v_q40, 18) * period_q32, 14), q_max);
+    s->v_q40 = hdt_within(s->v_q40 + hdt_shr(a_q16 * period_q32, 8), v_max);
     return v_q24;
 }
 

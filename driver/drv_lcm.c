@@ -138,7 +138,19 @@ static void walk_in(struct walk *w, struct hdt_in *in, unsigned n)
         walk_s32(w, &in->a_ref[j].raw);
 }
 
-static void walk_out(struct walk *w, struct hdt_out *out, unsigned n)
+int drv_lcm_terms_known(uint32_t terms)
+{
+    return terms == HDT_TERMS || terms == DRV_LCM_TERMS_LAYOUT_1;
+}
+
+/* The core's number of a log's term k.  With tables of layout 1 there was neither local nor table. */
+static unsigned term_of(uint32_t terms, unsigned k)
+{
+    const unsigned missing = HDT_TERMS - DRV_LCM_TERMS_LAYOUT_1;
+    return terms == DRV_LCM_TERMS_LAYOUT_1 && k >= HDT_TERM_LOCAL ? k + missing : k;
+}
+
+static void walk_out(struct walk *w, struct hdt_out *out, unsigned n, uint32_t terms)
 {
     for (unsigned j = 0; j < n; j++)
         walk_s16(w, &out->digit[j].raw);
@@ -152,29 +164,29 @@ static void walk_out(struct walk *w, struct hdt_out *out, unsigned n)
         walk_s32(w, &out->q[j].raw);
     for (unsigned j = 0; j < n; j++)
         walk_s32(w, &out->v[j].raw);
-    for (unsigned k = 0; k < HDT_TERMS; k++)
+    for (unsigned k = 0; k < terms; k++)
         for (unsigned j = 0; j < n; j++)
-            walk_s32(w, &out->term[k][j].raw);
+            walk_s32(w, &out->term[term_of(terms, k)][j].raw);
     for (unsigned j = 0; j < n; j++)
         walk_s32(w, &out->total[j].raw);
 }
 
-static void walk_record(struct walk *w, struct drv_record *rec, uint32_t *version, uint32_t *joints)
+static void walk_record(struct walk *w, struct drv_record *rec, uint32_t *version, uint32_t joints, uint32_t terms)
 {
-    uint32_t terms = HDT_TERMS, expected = *joints;
+    uint32_t has_joints = joints, has_terms = terms;
     walk_u32(w, version);
     walk_u64(w, &rec->in.t_us);
-    walk_u32(w, joints);
-    walk_u32(w, &terms);
-    if (*joints != expected || terms != HDT_TERMS)
+    walk_u32(w, &has_joints);
+    walk_u32(w, &has_terms);
+    if (has_joints != joints || has_terms != terms || !drv_lcm_terms_known(terms))
         w->bad = 1;
     if (w->bad)
         return;
-    walk_in(w, &rec->in, expected);
-    walk_out(w, &rec->out, expected);
-    for (unsigned j = 0; j < expected; j++)
+    walk_in(w, &rec->in, joints);
+    walk_out(w, &rec->out, joints, terms);
+    for (unsigned j = 0; j < joints; j++)
         walk_s16(w, &rec->torque_dig[j]);
-    for (unsigned j = 0; j < expected; j++)
+    for (unsigned j = 0; j < joints; j++)
         walk_u16(w, &rec->status[j]);
     walk_u16(w, &rec->driver_status);
     walk_u16(w, &rec->link);
@@ -195,9 +207,9 @@ size_t drv_lcm_put_record(const struct drv_record *rec, unsigned joints, uint8_t
     struct walk w = {.p = buf, .cap = cap};
     struct drv_record copy = *rec;
     uint64_t print = CYCLE_FINGERPRINT;
-    uint32_t version = DRV_LOG_VERSION, n = joints;
+    uint32_t version = DRV_LOG_VERSION;
     walk_u64(&w, &print);
-    walk_record(&w, &copy, &version, &n);
+    walk_record(&w, &copy, &version, joints, HDT_TERMS);
     return w.bad ? 0 : w.pos;
 }
 
@@ -220,16 +232,16 @@ int drv_lcm_get_run(const uint8_t *buf, size_t len, struct drv_run *run)
     return w.bad || w.pos != len ? DRV_LCM_DAMAGED : DRV_LCM_OK;
 }
 
-int drv_lcm_get_record(const uint8_t *buf, size_t len, unsigned joints, struct drv_record *rec)
+int drv_lcm_get_record(const uint8_t *buf, size_t len, unsigned joints, uint32_t terms, struct drv_record *rec)
 {
     struct walk w = {.p = (uint8_t *)(uintptr_t)buf, .cap = len, .reading = 1};
     uint64_t print = 0;
-    uint32_t version = 0, n = joints;
+    uint32_t version = 0;
     memset(rec, 0, sizeof *rec);
     walk_u64(&w, &print);
     if (!w.bad && print != CYCLE_FINGERPRINT)
         return DRV_LCM_TYPE;
-    walk_record(&w, rec, &version, &n);
+    walk_record(&w, rec, &version, joints, terms);
     if (!w.bad && version != DRV_LOG_VERSION)
         return DRV_LCM_VERSION;
     return w.bad || w.pos != len ? DRV_LCM_DAMAGED : DRV_LCM_OK;

@@ -76,7 +76,7 @@ struct drv_run {
     uint32_t version;                   /* DRV_LOG_VERSION */
     uint32_t table_layout;              /* HDT_TABLES_LAYOUT the core ran with */
     uint32_t period_ns;
-    uint32_t terms;                     /* HDT_TERMS */
+    uint32_t terms;                     /* HDT_TERMS; 13 in logs of tables of layout 1 */
     uint32_t joints;
     char arm[32];
     uint8_t digest[32];                 /* of the model file */

@@ -134,8 +134,12 @@ static int read_run(struct drv_reader *r)
     default:
         return fail(r, "the run's head is damaged");
     }
-    if (r->run.terms != HDT_TERMS)
-        return fail(r, "the log has another number of torque terms than this program");
+    if (!drv_lcm_terms_known(r->run.terms)) {
+        (void)snprintf(line, sizeof line, "the log has %lu torque terms, this program reads logs of %d, and of %d: "
+                       "convert it with the program that wrote it", (unsigned long)r->run.terms, (int)HDT_TERMS,
+                       DRV_LCM_TERMS_LAYOUT_1);
+        return fail(r, line);
+    }
     r->offset = r->next;
     return 0;
 }
@@ -223,7 +227,7 @@ int drv_reader_next(struct drv_reader *r, struct drv_record *rec)
         return fail(r, "a second run begins: one run a log");
     if (channel != CYCLE)
         return fail(r, "tables or state after the first cycle: expected before it");
-    e = drv_lcm_get_record(r->buf, len, r->run.joints, rec);
+    e = drv_lcm_get_record(r->buf, len, r->run.joints, r->run.terms, rec);
     if (e == DRV_LCM_TYPE || e == DRV_LCM_VERSION)
         return fail(r, "a cycle of another version than the run's head says");
     if (e != DRV_LCM_OK)

@@ -521,6 +521,27 @@ START_TEST(test_observer_knows_what_its_torque_does)
 }
 END_TEST
 
+START_TEST(test_observer_starts_where_the_arm_is)
+{
+    /* nearer to zero than the quarter rad at which it starts anew, and at rest: no speed is ever seen */
+    plain(1);
+    arm.observer = 1u << HDT_OBSERVED_FEEDBACK;
+    arm.observer_gain[0] = 1 << 29;
+    arm.observer_gain[1] = Q(10, 16);
+    arm.observer_gain[2] = 0;
+    in.mode = HDT_MODE_IDLE;
+    for (int sign = -1; sign <= 1; sign += 2) {
+        ck_assert_int_eq(hdt_init(&core, &arm), HDT_OK);
+        in.count[0].raw = arm.joint[0].zero_cnt + sign * (int32_t)(0.2 / D(arm.joint[0].rad_per_count_q44, 44));
+        for (int k = 0; k < 20; k++) {
+            ck_assert_int_eq(tick(), HDT_OK);
+            ck_assert_double_eq_tol(D(out.q[0].raw, 24), sign * 0.2, 1e-3);
+            ck_assert_int_eq(out.v_obs[0].raw, 0);
+        }
+    }
+}
+END_TEST
+
 START_TEST(test_velocity_mode_adds_four_per_second_of_position_error)
 {
     plain(2);
@@ -732,6 +753,7 @@ static Suite *core_suite(void)
     tcase_add_test(c, test_late_host_does_not_look_like_speed);
     tcase_add_test(c, test_lost_telegrams_do_not_look_like_speed);
     tcase_add_test(c, test_observer_knows_what_its_torque_does);
+    tcase_add_test(c, test_observer_starts_where_the_arm_is);
     tcase_add_test(c, test_velocity_mode_adds_four_per_second_of_position_error);
     tcase_add_test(c, test_error_leaves_state_alone_and_output_zero);
     tcase_add_test(c, test_refused_tables_leave_a_core_that_refuses);

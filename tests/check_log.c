@@ -128,6 +128,14 @@ static void write_log(const char *path, const struct drv_writer_cfg *cfg, unsign
     ck_assert_int_eq(drv_writer_close(w, 1), 0);
 }
 
+static void put_file(const char *path, const void *bytes, size_t size)
+{
+    unlink(path); /* truncating makes some file systems write the old file out first */
+    FILE *f = fopen(path, "wb");
+    ck_assert_uint_eq(fwrite(bytes, 1, size, f), size);
+    fclose(f);
+}
+
 static char *slurp(const char *path, size_t *size)
 {
     FILE *f = fopen(path, "rb");
@@ -405,6 +413,58 @@ START_TEST(test_event_log_carries_its_tables)
 }
 END_TEST
 
+/* The log at path as it was written before the terms local and table, which stood before p. */
+static void to_13_terms(const char *path, unsigned joints)
+{
+    const size_t rows = 60 + 32 * joints, gone = 11 * 4 * joints, width = 2 * 4 * joints;
+    size_t size, used = 0;
+    char *whole = slurp(path, &size);
+    uint8_t *old = malloc(size);
+    for (size_t at = 0; at < size;) {
+        const uint8_t *e = (const uint8_t *)whole + at;
+        const size_t name = e[23], len = (size_t)e[24] << 24 | (size_t)e[25] << 16 | (size_t)e[26] << 8 | e[27];
+        uint8_t *to = old + used;
+        memcpy(to, e, 28 + name + len);
+        used += 28 + name + len;
+        if (name == 7 && memcmp(e + 28, "HDT_RUN", name) == 0) {
+            to[28 + name + 15] = 1; /* table layout */
+            to[28 + name + 23] = 13;
+        } else if (name == 9 && memcmp(e + 28, "HDT_CYCLE", name) == 0) {
+            uint8_t *data = to + 28 + name;
+            data[27] = 13;
+            memmove(data + rows + gone, data + rows + gone + width, len - rows - gone - width);
+            used -= width;
+            to[26] = (uint8_t)((len - width) >> 8);
+            to[27] = (uint8_t)(len - width);
+        }
+        at += 28 + name + len;
+    }
+    put_file(path, old, used);
+    free(old);
+    free(whole);
+}
+
+START_TEST(test_a_log_of_thirteen_terms_reads_with_the_other_two_zero)
+{
+    struct drv_writer_cfg cfg = config(3);
+    static struct drv_record got, want;
+    uint64_t seed = 31;
+    write_log(lcm, &cfg, 5, seed);
+    to_13_terms(lcm, 3);
+    struct drv_reader *r = reader_ok(lcm);
+    ck_assert_uint_eq(drv_reader_run(r)->terms, 13);
+    for (unsigned i = 0; i < 5; i++) {
+        want = random_record(&seed, 3, 5000000 + 1429 * (uint64_t)i);
+        for (unsigned j = 0; j < 3; j++)
+            want.out.term[HDT_TERM_LOCAL][j].raw = want.out.term[HDT_TERM_TABLE][j].raw = 0;
+        ck_assert_int_eq(drv_reader_next(r, &got), 1);
+        ck_assert_mem_eq(&got, &want, sizeof got);
+    }
+    ck_assert_int_eq(drv_reader_next(r, &got), 0);
+    drv_reader_close(r);
+}
+END_TEST
+
 START_TEST(test_liblcm_reads_the_event_log)
 {
     struct drv_writer_cfg cfg = config(7);
@@ -524,27 +584,22 @@ START_TEST(test_a_message_fits_its_room_or_nothing_is_said_to_be_written)
             memcpy(exact, buf, room);
             static struct drv_run run_back;
             int e = k ? drv_lcm_get_run(exact, room, &run_back) : drv_lcm_get_record(exact, room, 3,
-                                                                                     &back);
+                                                                                     HDT_TERMS, &back);
             ck_assert_int_eq(e == DRV_LCM_OK, room == whole);
             free(exact);
         }
     }
     /* joints of the message and of the run must agree */
     size_t n = drv_lcm_put_record(&rec, 3, buf, sizeof buf);
-    ck_assert_int_eq(drv_lcm_get_record(buf, n, 2, &back), DRV_LCM_DAMAGED);
-    ck_assert_int_eq(drv_lcm_get_record(buf, n, 4, &back), DRV_LCM_DAMAGED);
+    ck_assert_int_eq(drv_lcm_get_record(buf, n, 2, HDT_TERMS, &back), DRV_LCM_DAMAGED);
+    ck_assert_int_eq(drv_lcm_get_record(buf, n, 4, HDT_TERMS, &back), DRV_LCM_DAMAGED);
+    /* and terms */
+    ck_assert_int_eq(drv_lcm_get_record(buf, n, 3, 13, &back), DRV_LCM_DAMAGED);
+    ck_assert_int_eq(drv_lcm_get_record(buf, n, 3, HDT_TERMS + 1, &back), DRV_LCM_DAMAGED);
 }
 END_TEST
 
 /* ---- damage --------------------------------------------------------------------------------- */
-
-static void put_file(const char *path, const void *bytes, size_t size)
-{
-    unlink(path); /* truncating makes some file systems write the old file out first */
-    FILE *f = fopen(path, "wb");
-    ck_assert_uint_eq(fwrite(bytes, 1, size, f), size);
-    fclose(f);
-}
 
 /* Read all; returns records, and whether the end was clean in *clean. */
 static int read_all(const char *path, int *clean, char *err, size_t errlen)
@@ -673,6 +728,20 @@ START_TEST(test_wrong_files_and_versions_say_what_was_found)
     ck_assert_int_eq(read_all(lcm, &clean, err, sizeof err), -1);
     ck_assert_ptr_nonnull(strstr(err, "log version 2, this program reads version 1"));
     free(whole);
+
+    /* numbers of terms whose names are not known */
+    for (int terms = 0; terms < 18; terms++) {
+        char found[40];
+        write_log(lcm, &cfg, 3, 18);
+        whole = slurp(lcm, &size);
+        whole[DRV_LCM_HEAD + 7 + 23] = (char)terms;
+        put_file(lcm, whole, size);
+        ck_assert_int_eq(read_all(lcm, &clean, err, sizeof err), terms == HDT_TERMS ? 3 : terms == 13 ? 0 : -1);
+        snprintf(found, sizeof found, "the log has %d torque terms", terms);
+        if (terms != HDT_TERMS)
+            ck_assert_ptr_nonnull(strstr(err, terms == 13 ? "a cycle that is damaged" : found));
+        free(whole);
+    }
 
     /* a cycle of another type, and one of another version, behind a good head */
     for (int k = 0; k < 2; k++) {
@@ -906,6 +975,7 @@ static Suite *log_suite(void)
     tcase_add_test(t, test_event_log_replays_through_the_core);
     tcase_add_test(t, test_dump_keeps_the_last_periods_before_a_fault_and_replays);
     tcase_add_test(t, test_event_log_carries_its_tables);
+    tcase_add_test(t, test_a_log_of_thirteen_terms_reads_with_the_other_two_zero);
     tcase_add_test(t, test_liblcm_reads_the_event_log);
     tcase_add_test(t, test_code_from_lcm_gen_reads_the_same_numbers);
     t = new_case(s, "damage");

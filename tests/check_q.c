@@ -60,7 +60,28 @@ START_TEST(test_saturation_is_symmetric_and_exact_inside)
         ck_assert(s == (x > INT32_MAX ? INT32_MAX : x < -INT32_MAX ? -INT32_MAX : x));
         ck_assert(hdt_abs((int32_t)s) == (s < 0 ? -s : s));
         ck_assert(hdt_clamp(x, -7, 9) == (x > 9 ? 9 : x < -7 ? -7 : x));
+        ck_assert(hdt_within(x, 7) == (x > 7 ? 7 : x < -7 ? -7 : x));
     }
+}
+END_TEST
+
+START_TEST(test_within_holds_at_every_bound_of_64_bits)
+{
+    /* one step to either side of each bound, and the ends of the format, where x + bound wraps */
+    for (int n = 0; n < 63; n++) {
+        for (int64_t off = -1; off <= 1; off++) {
+            const int64_t bound = ((int64_t)1 << n) + off;
+            const int64_t ends[] = {INT64_MIN, INT64_MIN + 1, -bound - 1, -bound, -bound + 1, 0,
+                                    bound - 1, bound, bound + 1, INT64_MAX - 1, INT64_MAX};
+            for (size_t k = 0; k < sizeof ends / sizeof ends[0]; k++) {
+                const int64_t x = ends[k];
+                ck_assert_int_eq(hdt_beyond(x, bound), x > bound || x < -bound);
+                ck_assert_int_eq(hdt_within(x, bound), x > bound ? bound : x < -bound ? -bound : x);
+            }
+        }
+    }
+    ck_assert_int_eq(hdt_within(INT64_MIN, INT64_MAX), -INT64_MAX);
+    ck_assert_int_eq(hdt_within(-INT64_MAX, INT64_MAX), -INT64_MAX);
 }
 END_TEST
 
@@ -159,6 +180,7 @@ static Suite *q_suite(void)
     tcase_set_timeout(c, 60);
     tcase_add_test(c, test_shift_is_division_rounded_to_nearest);
     tcase_add_test(c, test_saturation_is_symmetric_and_exact_inside);
+    tcase_add_test(c, test_within_holds_at_every_bound_of_64_bits);
     tcase_add_test(c, test_product_saturates_instead_of_wrapping);
     tcase_add_test(c, test_sine_and_cosine_within_2e_9);
     tcase_add_test(c, test_sine_and_cosine_at_every_resolver_phase_and_every_64k_th_of_a_turn);

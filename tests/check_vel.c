@@ -210,19 +210,31 @@ START_TEST(test_observer_stays_in_its_formats_at_any_input)
             gain[i] = (int32_t)(test_random(&r) % ((1u << 30) + 1u));
         const uint32_t period = (uint32_t)(test_random(&r) >> 32);
         for (int k = 0; k < 200; k++) {
-            /* as the core does: no further off than a quarter rad, or it starts anew */
             int64_t y = (int64_t)(test_random(&r) >> 17) - ((int64_t)1 << 46);
             y = test_random(&r) & 1 ? s.q_q40 : y;
             if (y > ((int64_t)1 << 47) || y < -((int64_t)1 << 47))
                 y = 0;
-            if (llabs(y - s.q_q40) > (int64_t)1 << 38)
-                s.q_q40 = y;
             s.a_q16 = (int32_t)((int64_t)(test_random(&r) % (1u << 29)) - (1 << 28));
             hdt_vel_observe(&s, gain, y, (int)(test_random(&r) & 1), period);
             ck_assert(llabs(s.v_q40) < (int64_t)1 << 47);
             ck_assert(llabs(s.d_q32) <= (int64_t)1 << 44);
-            ck_assert(llabs(s.q_q40) < (int64_t)1 << 49);
+            ck_assert(llabs(s.q_q40) <= (int64_t)1 << 48);
         }
+    }
+}
+END_TEST
+
+START_TEST(test_observer_without_counts_stops_at_256_rad)
+{
+    const int32_t gain[3] = {0, 0, 0};
+    for (int sign = -1; sign <= 1; sign += 2) {
+        struct hdt_obs s = {0, sign * (((int64_t)1 << 47) - 1), 0, 0};
+        for (int k = 0; k < 100; k++) {
+            const int64_t before = llabs(s.q_q40);
+            hdt_vel_observe(&s, gain, 0, 0, UINT32_MAX);
+            ck_assert(llabs(s.q_q40) > before || before == (int64_t)1 << 48);
+        }
+        ck_assert_int_eq(s.q_q40, sign * ((int64_t)1 << 48));
     }
 }
 END_TEST
@@ -241,6 +253,7 @@ static Suite *vel_suite(void)
     tcase_add_test(f, test_full_scale_square_wave_never_wraps);
     tcase_add_test(f, test_observer_given_the_acceleration_does_not_lag);
     tcase_add_test(f, test_observer_stays_in_its_formats_at_any_input);
+    tcase_add_test(f, test_observer_without_counts_stops_at_256_rad);
     suite_add_tcase(s, d);
     suite_add_tcase(s, f);
     return s;

@@ -71,7 +71,8 @@ void on_cycle(const lcm_recv_buf_t *buffer, const char *, void *user)
     View &v = *static_cast<View *>(user);
     if (!v.has_run) // how many joints a cycle has is in the run's message
         return;
-    int e = drv_lcm_get_record(static_cast<const uint8_t *>(buffer->data), buffer->data_size, v.run.joints, &v.cycle);
+    int e = drv_lcm_get_record(static_cast<const uint8_t *>(buffer->data), buffer->data_size, v.run.joints,
+                               v.run.terms, &v.cycle);
     v.has_cycle = v.has_cycle || e == DRV_LCM_OK;
     v.damaged += e == DRV_LCM_DAMAGED || e == DRV_LCM_TYPE;
     v.other_version += e == DRV_LCM_VERSION;
