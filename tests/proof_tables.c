@@ -18,47 +18,45 @@ static uint8_t image[MOST];
 static struct hdt_tables tables;
 static hdt_t core;
 
-/* Any bytes; those at 72 to 75, little endian, say JOINTS, or for 0 what is none of 1 to 16. */
-static void any_image(size_t most)
+/* Any bytes and any length; byte `at` of the image is lo to hi, one of the four that count the joints;
+ * those above it are 0, those below anything if `below` and else 0. */
+static void read_any(int at, int lo, int hi, int below)
 {
+    const size_t most = hdt_tables_size(JOINTS == 0 ? 16 : JOINTS) + MORE;
+    const size_t size = (size_t)Frama_C_interval(0, (int)most);
     Frama_C_make_unknown((char *)image, most);
-    if (JOINTS != 0) {
-        image[72] = JOINTS;
-        image[73] = image[74] = image[75] = 0;
-        return;
-    }
-    const int where = Frama_C_interval(72, 75);
-    image[73] = image[74] = image[75] = 0;
-    image[72] = (uint8_t)Frama_C_interval(17, 255);
-    if (where == 72) {
-        image[72] = (uint8_t)(Frama_C_interval(0, 1) ? 0 : image[72]);
-        return;
-    }
-    /* any of the upper three is not 0, the others anything */
-    Frama_C_make_unknown((char *)image + 72, 4);
-    if (where == 73)
-        image[73] = (uint8_t)Frama_C_interval(1, 255);
-    else if (where == 74)
-        image[74] = (uint8_t)Frama_C_interval(1, 255);
-    else
-        image[75] = (uint8_t)Frama_C_interval(1, 255);
+    /*@ loop unroll 4; */
+    for (int i = 72; i < 76; i++)
+        if (i > at || !below)
+            image[i] = 0;
+    image[at] = (uint8_t)Frama_C_interval(lo, hi);
+    const int read = hdt_tables_read(image, size, &tables);
+    Frama_C_show_each_read(read);
+}
+
+/* The check on any memory of that many joints, and what it lets through to hdt_init. */
+static void init_any(uint32_t joints)
+{
+    Frama_C_make_unknown((char *)&tables, sizeof tables);
+    tables.joints = joints;
+    const int init = hdt_init(&core, &tables);
+    Frama_C_show_each_init(init);
 }
 
 int main(void)
 {
-    const size_t most = hdt_tables_size(JOINTS == 0 ? 16 : JOINTS) + MORE;
-    const size_t size = (size_t)Frama_C_interval(0, (int)most);
-    any_image(most);
-    const int read = hdt_tables_read(image, size, &tables);
-    Frama_C_show_each_read(read);
-
-    /* and the check by itself, and what it lets through to hdt_init */
-    Frama_C_make_unknown((char *)&tables, sizeof tables);
-    if (JOINTS != 0)
-        tables.joints = JOINTS;
-    else
-        tables.joints = Frama_C_interval(0, 1) ? 0 : (uint32_t)Frama_C_interval(17, INT32_MAX) + (uint32_t)Frama_C_interval(0, INT32_MAX);
-    const int init = hdt_init(&core, &tables);
-    Frama_C_show_each_init(init);
-    return read + init;
+    if (JOINTS != 0) {
+        read_any(72, JOINTS, JOINTS, 0);
+        init_any(JOINTS);
+        return 0;
+    }
+    read_any(72, 0, 0, 0);
+    read_any(72, 17, 255, 0);
+    read_any(73, 1, 255, 1);
+    read_any(74, 1, 255, 1);
+    read_any(75, 1, 255, 1);
+    init_any(0);
+    init_any((uint32_t)Frama_C_interval(17, INT32_MAX));
+    init_any((uint32_t)Frama_C_interval(0, INT32_MAX) | (uint32_t)1 << 31);
+    return 0;
 }
