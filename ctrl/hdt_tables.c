@@ -466,6 +466,7 @@ static uint8_t *fields_out(const struct field *list, size_t count, const void *o
 static uint32_t crc32(const uint8_t *data, size_t size)
 {
     uint32_t crc = 0xffffffffu;
+    /*@ loop unroll 1; */
     for (size_t i = 0; i < size; i++) {
         crc ^= data[i];
         for (int bit = 0; bit < 8; bit++)

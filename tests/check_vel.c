@@ -19,6 +19,8 @@ START_TEST(test_rate_is_one_over_the_gap)
     for (uint32_t dt_us = 16; dt_us <= 25000; dt_us++) {
         const double got = D(hdt_vel_rate_q16(dt_us), 16);
         ck_assert_msg(fabs(got * dt_us * 1e-6 - 1) < 7e-6, "%u us: %g Hz", dt_us, got);
+        /* cut, never above; exact where it can be */
+        ck_assert_msg(got * dt_us <= 1e6 && (1000000 % dt_us != 0 || got * dt_us == 1e6), "%u us: %.9g Hz", dt_us, got);
     }
 }
 END_TEST
@@ -239,6 +241,81 @@ START_TEST(test_observer_without_counts_stops_at_256_rad)
 }
 END_TEST
 
+/* One period of the observer as hdt_vel.h states it, in doubles that hold whole LSBs; the sides of a clamp are
+ * returned, so that what is clamped can be held to the last bit. */
+static double shr(double x, int n) { return floor(ldexp(x, -n) + 0.5); }
+static double held(double x, double most, int *clamped)
+{
+    *clamped |= fabs(x) > most + 2;
+    return fmax(-most, fmin(most, x));
+}
+
+START_TEST(test_observer_is_its_equations_within_one_lsb_and_its_clamps_to_the_bit)
+{
+    const double e_max = 0x1p30, v_max = 0x1p47 - 1, a_max = 0x1p28;
+    uint64_t r = 78;
+    int at_clamp[4] = {0, 0, 0, 0};
+    for (int n = 0; n < 300000; n++) {
+        /* magnitudes from one LSB to the whole format */
+        const double far = pow(2, test_uniform(&r, 0, 39)), fast = pow(2, test_uniform(&r, 20, 47));
+        struct hdt_obs s;
+        s.q_q40 = (int64_t)test_uniform(&r, -0x1p47, 0x1p47);
+        s.v_q40 = (int64_t)test_uniform(&r, -fast, fast);
+        s.d_q32 = (int64_t)ldexp(test_uniform(&r, -1, 1), (int)test_uniform(&r, 20, 45));
+        s.d_q32 = llabs(s.d_q32) > (int64_t)1 << 44 ? 0 : s.d_q32;
+        s.a_q16 = (int32_t)ldexp(test_uniform(&r, -1, 1), (int)test_uniform(&r, 8, 29));
+        const int64_t y = s.q_q40 + (int64_t)test_uniform(&r, -far, far);
+        const int32_t gain[3] = {(int32_t)pow(2, test_uniform(&r, 10, 30)), (int32_t)pow(2, test_uniform(&r, 10, 30)),
+                                 (int32_t)pow(2, test_uniform(&r, 5, 30))};
+        const uint32_t period = (uint32_t)pow(2, test_uniform(&r, 16, 32));
+        const int fresh = n % 3 != 0;
+        int far_off = 0, v_held = 0, d_held = 0, a_held = 0;
+        double q = (double)s.q_q40, v = (double)s.v_q40, d = (double)s.d_q32;
+        if (fresh) {
+            const double e = held(shr((double)y - q, 8), e_max, &far_off);
+            q += shr(e * gain[0], 22);
+            v = held(v + shr(e * gain[1], 8), v_max, &v_held);
+            d = held(d + shr(e * gain[2], 8), 0x1p44, &d_held);
+        }
+        const double told = fmin(shr(v, 16), 0x1p31 - 1), a = held(s.a_q16 + shr(d, 16), a_max, &a_held);
+        int after = 0, q_held = 0;
+        q = held(q + shr(shr(v, 18) * period, 14), 0x1p48, &q_held);
+        v = held(v + shr(a * period, 8), v_max, &after);
+        const int32_t got = hdt_vel_observe(&s, gain, y, fresh, period);
+        /* angles to 2^49: doubles are whole there; an LSB of v or d either way may be one of what they make */
+        ck_assert_msg(fabs((double)s.q_q40 - q) <= 2 + ldexp(period, -14), "%d: angle %.17g, %.17g expected", n, (double)s.q_q40, q);
+        ck_assert_msg(fabs((double)s.v_q40 - v) <= (after ? 0 : 2 + ldexp(period, -8) * !(a_held || !fresh)), "%d: speed %.17g, %.17g expected", n,
+                      (double)s.v_q40, v);
+        ck_assert_msg(fabs((double)s.d_q32 - d) <= (d_held || !fresh ? 0 : 1), "%d: disturbance %.17g, %.17g expected", n,
+                      (double)s.d_q32, d);
+        ck_assert_msg(fabs(got - fmax(told, -0x1p31 + 1)) <= !v_held, "%d: told %d, %.17g expected", n, got, told);
+        at_clamp[0] += far_off;
+        at_clamp[1] += v_held && !after;
+        at_clamp[2] += d_held;
+        at_clamp[3] += a_held;
+    }
+    for (int i = 0; i < 4; i++)
+        ck_assert_int_gt(at_clamp[i], 500);
+}
+END_TEST
+
+START_TEST(test_observer_holds_either_bound_of_its_velocity)
+{
+    /* pushed beyond by the acceleration alone, and by the count alone */
+    const int32_t gain[3] = {0, 1 << 30, 0};
+    for (int down = 0; down < 2; down++) {
+        const int64_t most = ((int64_t)1 << 47) - 1, end = down ? -most : most;
+        const int32_t told = down ? -INT32_MAX : INT32_MAX;
+        struct hdt_obs s = {0, end, 0, down ? -(1 << 28) : 1 << 28};
+        ck_assert_int_eq(hdt_vel_observe(&s, gain, 0, 0, UINT32_MAX), told);
+        ck_assert(s.v_q40 == end);
+        s = (struct hdt_obs){0, 0, 0, 0};
+        ck_assert_int_eq(hdt_vel_observe(&s, gain, down ? -((int64_t)1 << 38) : (int64_t)1 << 38, 1, 0), told);
+        ck_assert(s.v_q40 == end);
+    }
+}
+END_TEST
+
 static Suite *vel_suite(void)
 {
     Suite *s = suite_create("vel");
@@ -254,6 +331,8 @@ static Suite *vel_suite(void)
     tcase_add_test(f, test_observer_given_the_acceleration_does_not_lag);
     tcase_add_test(f, test_observer_stays_in_its_formats_at_any_input);
     tcase_add_test(f, test_observer_without_counts_stops_at_256_rad);
+    tcase_add_test(f, test_observer_is_its_equations_within_one_lsb_and_its_clamps_to_the_bit);
+    tcase_add_test(f, test_observer_holds_either_bound_of_its_velocity);
     suite_add_tcase(s, d);
     suite_add_tcase(s, f);
     return s;

@@ -97,7 +97,8 @@ int main(void)
     any_start();
     for (;;) {
         any(&in, sizeof in);
-        (void)hdt_step(&core, &in, &out);
+        const int stepped = hdt_step(&core, &in, &out);
+        Frama_C_show_each_step(stepped); /* tools/check-proof looks for it */
         if (Frama_C_interval(0, 1))
             (void)hdt_clear(&core);
     }
