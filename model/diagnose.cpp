@@ -565,7 +565,8 @@ std::string numbers(const Effect &e)
 {
     std::string out;
     for (const EffectParameter &p : e.parameters)
-        out += (out.empty() ? "" : ", ") + p.name + " " + text("%.4g", p.value) + text(" +- %.2g", p.sigma);
+        out += (out.empty() ? "" : ", ") + p.name + " " + text("%.4g", p.value)
+               + (p.sigma > 0 ? text(" +- %.2g", p.sigma) : "");
     return out;
 }
 

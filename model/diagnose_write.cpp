@@ -181,7 +181,7 @@ void write_diagnosis(const Diagnosis &d, const std::string &dir)
                         num(j.rms_refit_nm), num(j.rms_after_nm), joined(j.ambiguous_with)});
         good = good && (j.verdict == "nothing" || j.verdict == "named");
         if (j.verdict != "nothing" || j.friction_refitted)
-            first += (first.empty() ? "" : " ") + ("Joint " + std::to_string(j.joint) + ": " + j.words);
+            first += (first.empty() ? "" : "\n") + ("Joint " + std::to_string(j.joint) + ": " + j.words);
     }
     report.verdict(first.empty() ? "Nothing is missing that these runs could show." : first, good);
     report.table(rows, "Root mean square of the torque residual on held-out runs, N.m output side. before: the model as "

@@ -491,8 +491,10 @@ void Report::paragraph(const std::string &text) { body_ += "<p>" + markup_escape
 
 void Report::verdict(const std::string &text, bool good)
 {
-    body_ += std::string("<p class=\"verdict ") + (good ? "good" : "bad") + "\">" + markup_escaped(text) +
-             "</p>\n";
+    std::string lines;
+    for (const char c : markup_escaped(text))
+        lines += c == '\n' ? std::string("<br>\n") : std::string(1, c);
+    body_ += std::string("<p class=\"verdict ") + (good ? "good" : "bad") + "\">" + lines + "</p>\n";
 }
 
 void Report::table(const std::vector<std::vector<std::string>> &rows, const std::string &caption)
