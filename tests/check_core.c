@@ -425,6 +425,21 @@ START_TEST(test_first_count_however_far_is_no_speed)
 }
 END_TEST
 
+START_TEST(test_a_gap_of_16_periods_is_spanned_and_one_of_17_is_not)
+{
+    for (uint32_t periods = 15; periods <= 18; periods++) {
+        plain(1);
+        in.count_us = 1000;
+        tick();
+        in.count_us += (uint64_t)periods * (arm.period_ns / 1000);
+        in.count[0].raw += 1000;
+        tick();
+        ck_assert_msg((out.v[0].raw != 0) == (periods <= 16), "%u periods: %d", periods, out.v[0].raw);
+    }
+    in.count_us = 0;
+}
+END_TEST
+
 START_TEST(test_late_host_does_not_look_like_speed)
 {
     /* steady 1 rad/s, counts taken at uneven times: the estimate uses the time they were taken at */
@@ -750,6 +765,7 @@ static Suite *core_suite(void)
     tcase_add_test(m, test_a_joint_alone_is_the_joint_in_the_crowd);
     tcase_add_test(m, test_a_term_not_asked_for_is_zero);
     tcase_add_test(c, test_first_count_however_far_is_no_speed);
+    tcase_add_test(c, test_a_gap_of_16_periods_is_spanned_and_one_of_17_is_not);
     tcase_add_test(c, test_late_host_does_not_look_like_speed);
     tcase_add_test(c, test_lost_telegrams_do_not_look_like_speed);
     tcase_add_test(c, test_observer_knows_what_its_torque_does);

@@ -5,7 +5,9 @@
  * reason, and the check names what is wrong at the exact boundary.  Method: random arms, every
  * truncation, every flipped bit, random bytes, repaired checksums, one member at a time.
  */
+#include "ctrl/hdt_comp.h"
 #include "tests/core_reference.h"
+#include "tests/proof_bounds.h"
 
 static struct hdt_tables arm, back;
 static uint8_t image[HDT_JOINTS_MAX * 8192], other[HDT_JOINTS_MAX * 8192];
@@ -195,10 +197,14 @@ END_TEST
 /* int32 (or uint32) members with the last value accepted on each side; next is refused */
 struct edge { const char *name; size_t at; int64_t lo, hi; };
 #define Q3_BELOW (3 * (1 << 24) - 1) /* one LSB below q_max of the random arm */
+#define Q_MIN_ABOVE (-3 * (1 << 24) + 1) /* and above q_min */
 #define HEAD(m, k, lo, hi) {#m, offsetof(struct hdt_tables, m) + 4 * (k), lo, hi}
 #define JOINT(m, k, lo, hi) {#m, offsetof(struct hdt_joint_tab, m) + 4 * (k), lo, hi}
 static const struct edge head_edges[] = {
     HEAD(joints, 0, 1, 16), HEAD(stale_periods, 0, 1, 1000000),
+    HEAD(gravity_q24, 0, -(1 << 30), 1 << 30), HEAD(gravity_q24, 2, -(1 << 30), 1 << 30),
+    HEAD(observer, 0, 0, (1 << HDT_OBSERVED) - 1),
+    HEAD(observer_gain, 0, 0, 1 << 30), HEAD(observer_gain, 1, 0, 1 << 30), HEAD(observer_gain, 2, 0, 1 << 30),
 };
 static const struct edge joint_edges[] = {
     JOINT(terms, 0, 0, (1 << HDT_TERMS) - 1),
@@ -226,6 +232,19 @@ static const struct edge joint_edges[] = {
     JOINT(q_min_q24, 0, -INT32_MAX, Q3_BELOW),
     JOINT(v_max_q24, 0, 1, INT32_MAX),
     JOINT(follow_max_q24, 0, 0, INT32_MAX),
+    JOINT(friction_shift, 0, 1, 23),
+    JOINT(friction_q16[0], 0, -(1 << 30), 1 << 30),
+    JOINT(windup_inv_q8, 0, 0, INT32_MAX),
+    JOINT(inertia_inv_q20, 0, 0, 1 << 30),
+    JOINT(nm_per_digit_q24, 0, 0, 1 << 30),
+    {"q_max_q24, or q_min_q24", offsetof(struct hdt_joint_tab, q_max_q24), Q_MIN_ABOVE, INT32_MAX},
+    JOINT(axis, 0, 0, HDT_AXES - 1),
+    JOINT(directed, 0, 0, 1),
+    JOINT(line[3].amplitude_q16, 0, -INT32_MAX, INT32_MAX),
+    JOINT(line[3].directed, 0, 0, 1),
+    JOINT(local[0].start, 0, -INT32_MAX, INT32_MAX), JOINT(local[0].shift, 0, 1, 23),
+    JOINT(local[1].start, 0, -INT32_MAX, INT32_MAX), JOINT(local[1].shift, 0, 1, 23),
+    JOINT(table.start, 0, -INT32_MAX, INT32_MAX), JOINT(table.shift, 0, 1, 23),
 };
 
 static void assert_edge(const struct edge *e, void *owner, int in_joint)
@@ -242,7 +261,7 @@ static void assert_edge(const struct edge *e, void *owner, int in_joint)
         } else {
             ck_assert_msg(err == HDT_TABLES_RANGE, "%s = %lld accepted", e->name, (long long)value[k]);
             ck_assert_int_eq(joint, in_joint);
-            ck_assert_msg(strncmp(where, e->name, strlen(where)) == 0, "%s named %s", e->name, where);
+            ck_assert_msg(strstr(e->name, where) != NULL, "%s named %s", e->name, where);
         }
     }
     *at = before;
@@ -254,10 +273,69 @@ START_TEST(test_check_draws_every_line_where_it_says)
     ref_random_arm(&r, 16, &arm);
     arm.joint[1].stiffness[1].t2_q16 = 0;
     arm.joint[1].stiffness[1].t1_q16 = -1;
+    /* nothing but the range decides: no weight for gravity, no slope that friction could follow beyond its knots */
+    for (int j = 0; j < 16; j++)
+        memset(arm.joint[j].moment_q20, 0, sizeof arm.joint[j].moment_q20);
+    for (int way = 0; way < 2; way++)
+        arm.joint[1].friction_q16[way][127] = arm.joint[1].friction_q16[way][128];
+    arm.joint[1].lines = 4;
     for (size_t k = 0; k < sizeof head_edges / sizeof head_edges[0]; k++)
         assert_edge(&head_edges[k], &arm, -1);
     for (size_t k = 0; k < sizeof joint_edges / sizeof joint_edges[0]; k++)
         assert_edge(&joint_edges[k], &arm.joint[1], 1);
+}
+END_TEST
+
+/* One coefficient of the low-pass, the others such that the table is good but for it. */
+static int takes_biquad(int64_t b0, int64_t b1, int64_t b2, int64_t a1, int64_t a2)
+{
+    const int64_t b[5] = {b0, b1, b2, a1, a2};
+    for (int i = 0; i < 5; i++)
+        arm.biquad_q28[i] = (int32_t)b[i];
+    const char *where = "";
+    const int err = hdt_tables_check(&arm, &where, NULL);
+    if (err != HDT_TABLES_OK)
+        ck_assert_str_eq(where, "biquad_q28");
+    return err == HDT_TABLES_OK;
+}
+
+START_TEST(test_the_proof_assumes_no_low_pass_but_those_accepted)
+{
+    uint64_t r = 12;
+    const int64_t one = 1 << 28, b = PROOF_B_MAX_Q28, a1 = PROOF_A1_MAX_Q28, a2 = PROOF_A2_MAX_Q28;
+    ref_random_arm(&r, 1, &arm);
+    /* b: a constant passes unchanged, so the largest stands over the largest of the poles' sum */
+    ck_assert(takes_biquad(b, 0, 0, a1, a2) && takes_biquad(0, b, 0, a1, a2) && takes_biquad(0, 0, b, a1, a2));
+    ck_assert(!takes_biquad(b + 1, 0, 0, a1, a2) && !takes_biquad(0, b + 1, 0, a1, a2) && !takes_biquad(0, 0, b + 1, a1, a2));
+    ck_assert(!takes_biquad(-1, b, 0, a1, a2) && !takes_biquad(b, -1, 0, a1, a2) && !takes_biquad(b, 0, -1, a1, a2));
+    /* a2 and a1, with what the other leaves room for most */
+    for (int k = -1; k <= 1; k += 2) {
+        ck_assert(takes_biquad(one + k * a2, 0, 0, 0, k * a2));
+        ck_assert(takes_biquad(one + k * a1 + a2, 0, 0, k * a1, a2));
+        for (int64_t other = -one; other <= one; other += one / 4) {
+            ck_assert(!takes_biquad(one + k * (a2 + 1) + other, 0, 0, other, k * (a2 + 1)));
+            const int64_t near = other == one ? a2 : other;
+            ck_assert(!takes_biquad(one + k * (a1 + 1) + near, 0, 0, k * (a1 + 1), near));
+        }
+    }
+}
+END_TEST
+
+START_TEST(test_the_shortest_and_longest_period_are_the_ranges)
+{
+    uint64_t r = 13;
+    ref_random_arm(&r, 1, &arm);
+    const struct { uint32_t ns; int32_t rate; const char *wrong; } at[] = {
+        {31000, 2114064516, NULL}, {30999, 2114132714, "period_ns"}, {1000000000, 65536, NULL}, {1000000001, 65536, "period_ns"}};
+    for (int k = 0; k < 4; k++) {
+        const char *where = NULL;
+        arm.period_ns = at[k].ns;
+        arm.rate_q16 = (uint32_t)at[k].rate;
+        const int err = hdt_tables_check(&arm, &where, NULL);
+        ck_assert_int_eq(err == HDT_TABLES_OK, at[k].wrong == NULL);
+        if (at[k].wrong != NULL)
+            ck_assert_str_eq(where, at[k].wrong);
+    }
 }
 END_TEST
 
@@ -412,6 +490,90 @@ START_TEST(test_an_arm_too_fast_or_too_heavy_for_the_sums_is_refused)
 }
 END_TEST
 
+/* What the proof of the step takes from the check by an assertion: friction_ok, stiffness_ok, between_knots
+ * (hdt_comp.h, hdt_comp.c).  The last value accepted stays inside, computed here in 64 bits. */
+START_TEST(test_friction_at_the_last_slope_accepted_stays_a_number)
+{
+    uint64_t r = 14;
+    for (int n = 0; n < 60; n++) {
+        ref_random_arm(&r, 1, &arm);
+        struct hdt_joint_tab *j = &arm.joint[0];
+        int32_t *knot = j->friction_q16[n & 1];
+        j->friction_shift = 1 + (uint32_t)(test_random(&r) % 12);
+        j->friction_q16[1 - (n & 1)][127] = j->friction_q16[1 - (n & 1)][128] = 0;
+        knot[127] = 0;
+        knot[128] = 0;
+        const int64_t most = largest_accepted(&knot[128], "friction_q16", 0);
+        for (int side = 0; side < 2; side++) {
+            knot[128] = (int32_t)(side ? -most : most);
+            ck_assert_int_eq(hdt_tables_check(&arm, NULL, NULL), HDT_TABLES_OK);
+            const int64_t past = j->v_lim_q24 - ((int64_t)127 << j->friction_shift);
+            const int64_t end = hdt_shr((int64_t)knot[128] * past, j->friction_shift);
+            ck_assert(end <= INT32_MAX && end >= -INT32_MAX);
+            /* no more cautious than a slope in the last place */
+            if (most < 1 << 30)
+                ck_assert_int_gt(llabs(end) + (past >> j->friction_shift) + 3, INT32_MAX);
+            /* and the core's own term, at full speed either way */
+            struct hdt_motion m = {0};
+            m.dir_q30 = n & 1 ? -(1 << 30) : 1 << 30;
+            m.v_fric_q24 = n & 1 ? -j->v_lim_q24 : j->v_lim_q24;
+            ck_assert(hdt_comp_friction(j, &m) == (n & 1 ? -end : end));
+        }
+    }
+}
+END_TEST
+
+START_TEST(test_windup_at_the_last_slope_accepted_stays_a_number)
+{
+    uint64_t r = 15;
+    for (int n = 0; n < 60; n++) {
+        ref_random_arm(&r, 1, &arm);
+        struct hdt_joint_tab *j = &arm.joint[0];
+        struct hdt_stiffness_tab *way = &j->stiffness[n & 1];
+        memset(j->stiffness, 0, sizeof j->stiffness);
+        j->terms = 1u << HDT_TERM_STIFFNESS | (n & 2 ? 1u << HDT_TERM_SPRING : 0u);
+        j->moment_q20[0] = 200 << 20;
+        for (int i = 0; i < 3; i++)
+            arm.gravity_q24[i] = i == n % 3 ? 10 << 24 : 0;
+        way->intercept_q16[1] = (int32_t)test_uniform(&r, 0, 0x1p30);
+        way->slope_q24[1] = 1;
+        const int64_t most = largest_accepted(&way->slope_q24[1], "stiffness", 0);
+        /* the load there can be: |g| |h|, and the spring's */
+        int64_t load = (int64_t)((10 * 200.0 + fabs(D(j->moment_q20[1], 20)) * 10) * 65536) + (n & 2 ? HDT_SPRING_MAX_Q16 : 0);
+        for (int side = 0; side < 2; side++) {
+            way->slope_q24[1] = (int32_t)most;
+            way->intercept_q16[1] = side ? -way->intercept_q16[1] : way->intercept_q16[1];
+            way->t1_q16 = -INT32_MAX;
+            way->t2_q16 = INT32_MAX;
+            ck_assert_int_eq(hdt_tables_check(&arm, NULL, NULL), HDT_TABLES_OK);
+            const int64_t got = hdt_comp_windup(way, (int32_t)(side ? -load : load));
+            ck_assert(got <= INT32_MAX && got >= -INT32_MAX);
+            ck_assert_int_gt(llabs(got), INT32_MAX - (1 << 18));
+        }
+    }
+}
+END_TEST
+
+START_TEST(test_a_curve_lies_between_its_knots)
+{
+    uint64_t r = 16;
+    static struct hdt_joint_tab j;
+    for (int n = 0; n < 3000; n++) {
+        j.table.start = (int32_t)test_random(&r);
+        j.table.shift = 1 + (uint32_t)(test_random(&r) % 23);
+        for (int k = 0; k < HDT_CURVE_KNOTS; k++)
+            j.table.value_q8[k] = test_random(&r) & 1 ? INT16_MAX : INT16_MIN;
+        struct hdt_motion m = {0};
+        for (int i = 0; i < 30; i++) {
+            const int64_t way = (int64_t)(test_random(&r) % ((uint64_t)260 << j.table.shift));
+            m.q_q24 = hdt_sat(j.table.start + way - ((int64_t)2 << j.table.shift));
+            const int32_t got = hdt_comp_table(&j, &m, 0);
+            ck_assert(got >= INT16_MIN * 256 && got <= INT16_MAX * 256);
+        }
+    }
+}
+END_TEST
+
 START_TEST(test_every_error_has_its_words)
 {
     const char *seen[7];
@@ -440,6 +602,11 @@ static Suite *tables_suite(void)
     tcase_add_test(c, test_check_names_what_does_not_fit_together);
     tcase_add_test(c, test_any_stable_low_pass_is_accepted);
     tcase_add_test(c, test_an_arm_too_fast_or_too_heavy_for_the_sums_is_refused);
+    tcase_add_test(c, test_the_proof_assumes_no_low_pass_but_those_accepted);
+    tcase_add_test(c, test_the_shortest_and_longest_period_are_the_ranges);
+    tcase_add_test(c, test_friction_at_the_last_slope_accepted_stays_a_number);
+    tcase_add_test(c, test_windup_at_the_last_slope_accepted_stays_a_number);
+    tcase_add_test(c, test_a_curve_lies_between_its_knots);
     tcase_add_test(c, test_every_error_has_its_words);
     suite_add_tcase(s, i);
     suite_add_tcase(s, c);

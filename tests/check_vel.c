@@ -75,6 +75,20 @@ START_TEST(test_jump_is_clamped_never_wrapped)
 }
 END_TEST
 
+START_TEST(test_difference_is_held_at_2_to_the_24_counts)
+{
+    /* 2^-24 rad/s a count: the clamp shows long before the format ends */
+    const int32_t edge = 1 << 24;
+    for (int over = -1; over <= 1; over++) {
+        const int32_t most = over < 0 ? edge - 1 : edge;
+        ck_assert_int_eq(hdt_vel_difference(edge + over, 0, 1 << 8), most);
+        ck_assert_int_eq(hdt_vel_difference(-edge - over, 0, 1 << 8), -most);
+    }
+    ck_assert_int_eq(hdt_vel_difference(INT32_MAX, 0, 1 << 8), edge);
+    ck_assert_int_eq(hdt_vel_difference(INT32_MIN, 0, 1 << 8), -edge);
+}
+END_TEST
+
 START_TEST(test_filter_agrees_with_the_double_biquad)
 {
     uint64_t r = 3;
@@ -324,6 +338,7 @@ static Suite *vel_suite(void)
     tcase_add_test(d, test_one_count_a_period_is_its_angle_times_the_rate);
     tcase_add_test(d, test_counter_wrap_is_one_count);
     tcase_add_test(d, test_jump_is_clamped_never_wrapped);
+    tcase_add_test(d, test_difference_is_held_at_2_to_the_24_counts);
     tcase_add_test(f, test_filter_agrees_with_the_double_biquad);
     tcase_add_test(f, test_constant_speed_is_reached_exactly);
     tcase_add_test(f, test_cutoff_is_three_decibel);

@@ -11,6 +11,7 @@
  */
 #include "ctrl/hdt_tables.c"
 #include "ctrl/hdt_chain.h"
+#include "tests/proof_bounds.h"
 #include <__fc_builtin.h>
 
 #ifndef JOINTS
@@ -45,10 +46,11 @@ static void any_tables(void)
     any(&tables, sizeof tables);
     in_range(&tables, head_ranges, COUNT(head_ranges));
     tables.joints = JOINTS;
-    tables.biquad_q28[0] = between(0, 1 << 30);
-    tables.biquad_q28[2] = between(0, 1 << 30);
-    tables.biquad_q28[3] = between(1 - (1 << 29), (1 << 29) - 1);
-    tables.biquad_q28[4] = between(1 - (1 << 28), (1 << 28) - 1);
+    /*@ loop unroll 3; */
+    for (int i = 0; i < 3; i++)
+        tables.biquad_q28[i] = between(0, PROOF_B_MAX_Q28);
+    tables.biquad_q28[3] = between(-PROOF_A1_MAX_Q28, PROOF_A1_MAX_Q28);
+    tables.biquad_q28[4] = between(-PROOF_A2_MAX_Q28, PROOF_A2_MAX_Q28);
     /*@ loop unroll 16; */
     for (int j = 0; j < JOINTS; j++) {
         struct hdt_joint_tab *t = &tables.joint[j];
