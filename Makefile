@@ -243,7 +243,7 @@ $(BUILD)/obj/gen/%.o: $(BUILD)/gen/%.c
 $(BUILD)/libhdt.a: $(CTRL) $(DRIVER)
 	@rm -f $@ && echo "  AR  $@" && ar rcs $@ $^
 $(BUILD)/libhdt.map: driver/libhdt.symbols
-	@{ echo '{ global:'; sed '/^#/d; s/$$/;/' $<; echo 'local: *; };'; } >$@
+	@mkdir -p $(@D) && { echo '{ global:'; sed '/^#/d; s/$$/;/' $<; echo 'local: *; };'; } >$@
 $(BUILD)/libhdt.so.$(VERSION): $(CTRL) $(DRIVER) $(BUILD)/libhdt.map
 	@echo "  LD  $@" && $(CC) $(OPT) -shared -Wl,-soname,libhdt.so.$(SOMAJOR) -Wl,--version-script=$(BUILD)/libhdt.map \
 	  -o $@ $(CTRL) $(DRIVER)
