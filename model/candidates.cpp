@@ -84,7 +84,7 @@ Gram without(const Gram &g, Index first, Index count)
 // joints show some of: friction bent a little otherwise over speed than its curve, a hum, curves over some axis.
 double gate_factor(const Family &f, const Gates &gates)
 {
-    const bool healthy = f.id == "viscous_nonlinear" || f.own_phase || !f.named();
+    const bool healthy = f.id == "viscous_nonlinear" || f.own_phase || f.twin || !f.named();
     return f.adoptable() ? 1 : healthy ? gates.healthy_share : gates.loose_share;
 }
 
