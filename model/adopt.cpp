@@ -20,6 +20,8 @@ namespace {
 constexpr const char *kSource = "hdt-diagnose", *kSourceWords = "hdt diagnose, from the logs given to it";
 constexpr double kRestMax_rad = 3.2, kTiltKnown_rad = 1;
 
+void cite(ArmFile *file) { file->set_text(std::string("sources.") + kSource, kSourceWords); }
+
 double sd(const MatrixXd &c, Eigen::Index k) { return std::sqrt(std::max(0.0, c(k, k))); }
 
 // Reported torque is the measured one: with gain 1/(1+c) every fitted torque shrinks by that factor.
@@ -126,6 +128,15 @@ struct Writer {
     // Index of an effect already there, 0 when absent.
     int existing(const std::string &id) const { return file->find(joint + ".effect", id); }
 
+    // Effects of an id that may stand several times.
+    int count(const std::string &id) const
+    {
+        int n = 0;
+        for (int k = 1; k <= file->count(joint + ".effect"); ++k)
+            n += file->get_text(joint + ".effect." + std::to_string(k) + ".id") == id;
+        return n;
+    }
+
     double old(int index, const std::string &number) const
     {
         return file->get(joint + ".effect." + std::to_string(index) + "." + number).value[0];
@@ -202,10 +213,7 @@ bool write_effect(const Writer &out, const std::string &id, std::vector<EffectPa
         p[0].value += i ? out.old(i, "torque") : 0;
         out.append(id, {{"torque", p[0]}});
     } else if (id == "local_friction") {
-        int bumps = 0;
-        for (int k = 1; k <= out.file->count(out.joint + ".effect"); ++k)
-            bumps += out.file->get_text(out.joint + ".effect." + std::to_string(k) + ".id") == id;
-        if (bumps >= HDT_LINES_MAX)
+        if (out.count(id) >= HDT_LINES_MAX)
             return false;
         out.append(id, {{"torque", p[0]}, {"at", p[1]}, {"width", p[2]}});
     } else if (id == "viscous_nonlinear") {
@@ -215,10 +223,7 @@ bool write_effect(const Writer &out, const std::string &id, std::vector<EffectPa
         const auto curve = [&](double v) { return p[0].value * std::exp(-v / p[1].value); };
         return write_table(out, "over_speed", "rad/s", 0, v_max_radps, true, curve, p[0].sigma);
     } else if (id == "order_line") {
-        int lines = 0;
-        for (int k = 1; k <= out.file->count(out.joint + ".effect"); ++k)
-            lines += out.file->get_text(out.joint + ".effect." + std::to_string(k) + ".id") == id;
-        if (lines >= HDT_LINES_MAX)
+        if (out.count(id) >= HDT_LINES_MAX)
             return false;
         out.append(id, {{"order", p[0]}, {"amplitude", p[1]}, {"phase", p[2]}},
                    {{"directed", p[3].value > 0.5 ? "true" : "false"}});
@@ -343,7 +348,7 @@ std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &
     const double scale = gain_scale(w, e);
     VectorXd friction = scale * e.friction;
     std::string refused;
-    file->set_text(std::string("sources.") + kSource, kSourceWords);
+    cite(file);
     for (std::size_t k = 0; k < w.found.size(); ++k) {
         const std::string &id = w.found[k].family.id;
         if (w.found[k].chain_theta)
@@ -385,7 +390,7 @@ std::string adopt_axis(ArmFile *file, const JointWork &w, const Found &axis, con
         const auto k = static_cast<Eigen::Index>(std::min(at, last - 1));
         return theta[k] + (theta[k + 1] - theta[k]) * (at - static_cast<double>(k));
     };
-    file->set_text(std::string("sources.") + kSource, kSourceWords);
+    cite(file);
     const bool known = over == own || over == "load";
     if (known && write_table(out, over == own ? "over_position" : "over_load", over == own ? "rad" : "N m", knots.front(),
                              knots.back(), comma != std::string::npos, curve, w.floor_nm))
@@ -396,7 +401,7 @@ std::string adopt_axis(ArmFile *file, const JointWork &w, const Found &axis, con
 void adopt_friction(ArmFile *file, const JointWork &w, const VectorXd &change, const VectorXd &sigma)
 {
     const double v_max = fastest_radps(w);
-    file->set_text(std::string("sources.") + kSource, kSourceWords);
+    cite(file);
     write_friction({file, "joint." + std::to_string(w.joint + 1)}, file->arm().joint[w.joint], change, sigma, v_max);
 }
 
@@ -407,7 +412,7 @@ std::string adopt_payload(ArmFile *file, const Found &payload)
     const Payload p = whole_payload(file->arm(), payload);
     if (!(p.mass > 0))
         return "the payload would have a mass of " + std::to_string(p.mass) + " kg; it is not adopted";
-    file->set_text(std::string("sources.") + kSource, kSourceWords);
+    cite(file);
     Quantity mass, com;
     mass.value = {p.mass};
     mass.sigma = {p.mass_sigma};
@@ -421,7 +426,7 @@ std::string adopt_payload(ArmFile *file, const Found &payload)
     return "";
 }
 
-std::string adopt_tilt(ArmFile *file, const Found &tilt)
+void adopt_tilt(ArmFile *file, const Found &tilt)
 {
     const hdt_arm arm = file->arm();
     const Vector3d before = Eigen::Map<const Vector3d>(arm.gravity_mps2);
@@ -438,17 +443,16 @@ std::string adopt_tilt(ArmFile *file, const Found &tilt)
     g.sigma = {sigma, sigma, sigma};
     g.unit = "m/s^2";
     g.source = kSource;
-    file->set_text(std::string("sources.") + kSource, kSourceWords);
+    cite(file);
     file->set("base.gravity", g);
-    return "";
 }
 
 // Centre of mass stays; inertia grows with the mass.
-std::string adopt_link(ArmFile *file, const Found &heavier)
+void adopt_link(ArmFile *file, const Found &heavier)
 {
     const std::string link = "joint." + std::to_string(heavier.at.kind + 1) + ".link.";
     const double share = (*heavier.chain_theta)[0], sigma = sd(heavier.chain_covariance, 0);
-    file->set_text(std::string("sources.") + kSource, kSourceWords);
+    cite(file);
     for (const char *key : {"mass", "inertia", "first_moment", "inertia_origin"}) {
         if (!file->has(link + key))
             continue;
@@ -461,7 +465,6 @@ std::string adopt_link(ArmFile *file, const Found &heavier)
         q.source = kSource;
         file->set(link + key, q);
     }
-    return "";
 }
 
 } // namespace
@@ -469,7 +472,10 @@ std::string adopt_link(ArmFile *file, const Found &heavier)
 std::string adopt_chain(ArmFile *file, const Found &effect)
 {
     const std::string &id = effect.family.id;
-    return id == "payload" ? adopt_payload(file, effect) : id == "base_tilt" ? adopt_tilt(file, effect) : adopt_link(file, effect);
+    if (id == "payload")
+        return adopt_payload(file, effect);
+    id == "base_tilt" ? adopt_tilt(file, effect) : adopt_link(file, effect);
+    return "";
 }
 
 } // namespace hdt

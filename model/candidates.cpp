@@ -294,7 +294,7 @@ void JointWork::weigh(std::size_t index, const std::vector<RunSet> &splits)
         if (f.twin) {
             // beside its bounded twin the contribution would read as nothing, and what the twin takes over beyond
             // its bounds as explained
-            const Gram alone = without(kept, nuisance_columns(fit[0]).cols(), imperfection_columns());
+            const Gram alone = without(kept, kFriction, imperfection_columns());
             s.gain.total = std::max(s.gain.total, leave_one_run_out({&alone})[0].total);
             s.gain.informative = s.gain.better = 0;
             for (std::size_t r = 0; r < fit.size(); ++r)
@@ -322,7 +322,7 @@ void JointWork::put_whole_inertia(const Gram &on_reference, Score *s) const
     std::vector<MatrixXd> x;
     for (const BlockRows &b : fit)
         x.push_back(b.a + b.vibration);
-    const Gram whole = without(evidence_->gram(x), nuisance_columns(fit[0]).cols(), 1);
+    const Gram whole = without(evidence_->gram(x), kFriction, 1);
     const RunGain gain = leave_one_run_out({&whole})[0];
     if (gain.plain_total <= s->gain.plain_total)
         return;
@@ -383,7 +383,7 @@ double JointWork::found_rms_nm() const
     const VectorXd coef = gls_fit(evidence_->gram({}), all_runs(fit.size())).nuisance;
     return reducible_rms(fit, [&](const BlockRows &b) {
         VectorXd y = VectorXd::Zero(b.size());
-        Index at = nuisance_columns(b).cols() + imperfection_columns();
+        Index at = kFriction + imperfection_columns();
         for (const Found &f : found) {
             const MatrixXd x = f.columns(b);
             y += x * (f.chain_theta ? *f.chain_theta : VectorXd(coef.segment(at, x.cols())));
@@ -430,7 +430,7 @@ std::vector<RunRows> JointWork::run_rows() const
         r.prior = VectorXd::Zero(r.fixed.cols());
         r.prior.head(2).setConstant(1 / (kLoose * kLoose * y2));
         r.prior.segment(2, 2).setConstant(v2 / (kLoose * kLoose * y2));
-        r.prior.segment(nuisance_columns(b).cols(), sigma.size()) = sigma.cwiseAbs2().cwiseInverse();
+        r.prior.segment(kFriction, sigma.size()) = sigma.cwiseAbs2().cwiseInverse();
         r.lags = unbroken(b.block);
         set_random_effects(r, b.t_s, b.dir, b.v, kWander_s);
         rows.push_back(std::move(r));
@@ -445,7 +445,7 @@ void JointWork::search(const std::vector<LineHit> &lines)
     for (const BlockRows &b : fit)
         turned.push_back(turned_columns(arm_joint_, b));
     // what turns the ripple by more than wind-up does is not to be taken over by wind-up's columns
-    const Gram g = without(evidence_->gram(turned), nuisance_columns(fit[0]).cols(), imperfection_columns());
+    const Gram g = without(evidence_->gram(turned), kFriction, imperfection_columns());
     const Projected p = project(g, all_runs(fit.size()));
     families.push_back(offset_family(arm_joint_, joint, p.a, p.b));
     const std::vector<VectorXd> score = evidence_->score();
@@ -507,7 +507,7 @@ void JointWork::assess(const Gates &gates)
     // inertia is found
     const auto is_inertia = [](const Found &f) { return f.family.id == "inertia"; };
     const Index explained = std::any_of(found.begin(), found.end(), is_inertia) ? 1 : 0;
-    const double base = left_out_rms(evidence_->gram({}), 0, nuisance_columns(fit[0]).cols() + explained,
+    const double base = left_out_rms(evidence_->gram({}), 0, kFriction + explained,
                                      imperfection_columns() - explained);
     double rows_total = 0, most = 0;
     for (std::size_t k = 0; k < families.size(); ++k) {
@@ -861,6 +861,8 @@ void judge_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const Ga
 {
     double mine = 0, others = 0, plain = 0;
     int better = 0, large = 0;
+    // a load winds up a wrist; a tilt or a link's mass is what it is on every joint
+    const bool rigid = c->id != "payload";
     bool simpler_ties = false, denied = false;
     for (std::size_t j = 0; j < joints.size(); ++j) {
         const JointWork &w = *joints[j];
@@ -875,8 +877,7 @@ void judge_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const Ga
             simpler_ties = simpler_ties || (s.passes && w.families[s.family].named() && !w.families[s.family].chain
                                             && tied(s.gain.total, c->gain[j].total)
                                             && w.families[s.family].columns(w.fit[0], s.at).cols() < std::max<Index>(c->theta.size(), 2));
-        // a load winds up a wrist; a tilt or a link's mass is what it is on every joint
-        denied = denied || (c->id != "payload" && c->rms_nm[j] >= w.gate_nm && c->gain[j].total < 0);
+        denied = denied || (rigid && c->rms_nm[j] >= w.gate_nm && c->gain[j].total < 0);
         mine += c->gain[j].total;
         plain += c->gain[j].plain_total;
         others += r;
@@ -885,8 +886,9 @@ void judge_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const Ga
     // a mass, or a tilt, that is not three sigma from nothing is none
     const double sure = std::abs(c->theta[0]) / std::sqrt(std::max(c->covariance(0, 0), 1e-300));
     const double wald = c->theta.dot(c->covariance.ldlt().solve(c->theta)) / static_cast<double>(c->theta.size());
-    c->passes = large > 0 && !denied && (c->id == "payload" ? sure >= 3 : wald >= 9) && c->p_adjusted <= gates.alpha && better >= gates.min_runs && plain > 0 && mine > 0
-                && mine >= (large == 1 && c->id != "payload" ? kTieShare : kAdequate) * others
+    c->passes = large > 0 && !denied && (rigid ? wald >= 9 : sure >= 3)
+                && c->p_adjusted <= gates.alpha && better >= gates.min_runs && plain > 0 && mine > 0
+                && mine >= (large == 1 && rigid ? kTieShare : kAdequate) * others
                 // one joint alone does not speak for a chain when no more numbers say the same
                 && !(large == 1 && simpler_ties);
     c->total = mine;

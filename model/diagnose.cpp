@@ -29,7 +29,6 @@ namespace {
 
 constexpr int kEffectsMax = 4;
 constexpr std::size_t kRunsMin = 4;
-constexpr Index kFriction = 4;             // columns of nuisance_columns
 constexpr Index kRowsMin = 400;            // per joint over all fit runs
 constexpr double kWorse = 1.05;            // held-out error may grow by this where likelihood gains: few runs scatter
 constexpr double kClearFall = 0.95;        // of the held-out error, best without the effect
@@ -773,6 +772,7 @@ bool take_friction(const Start &start, JointDiagnosis *d)
 
 struct Judged {
     JointDiagnosis d;
+    HeldOut shown;
     JointEstimate e;
     Found axis;
     VectorXd axis_theta;
@@ -812,13 +812,12 @@ Judged judge_as_found(const hdt_arm &arm, const JointWork &w, const Found &axis,
     d.rms_after_nm = d.verdict == "named" || d.verdict == "unnamed" ? rms(h.after) : d.rms_before_nm;
     d.next_experiment = next_experiment(arm, w, out.e, d, runs.count);
     put_words(runs.count, &d, doubt);
-    HeldOut shown = h;
+    HeldOut &shown = out.shown = h;
     if (d.verdict == "nothing" || d.verdict == "suspect") {
         const bool taken = (runs.count >= kRunsMin || runs.may_name) && take_friction(start, &d);
         shown.after = taken ? h.refit : h.before;
         shown.after_by_run = taken ? h.refit_by_run : h.before_by_run;
     }
-    pictures(w, shown, axis, &d);
     return out;
 }
 
@@ -839,8 +838,8 @@ std::string drop_last(JointWork &w, Found *axis)
 }
 
 // Where the held-out runs deny the whole, the part of it found first may stand.
-Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const Start &start, const Independent &runs,
-                   const Gates &gates)
+Judged judge_whole_or_part(const hdt_arm &arm, JointWork &w, const Found &axis, const Start &start,
+                           const Independent &runs, const Gates &gates)
 {
     Judged whole = judge_as_found(arm, w, axis, start, runs, gates);
     if (whole.d.verdict != "suspect" || runs.count < kRunsMin)
@@ -858,6 +857,14 @@ Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const St
     w.found = found;
     w.assess(gates);
     return whole;
+}
+
+Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const Start &start, const Independent &runs,
+                   const Gates &gates)
+{
+    Judged out = judge_whole_or_part(arm, w, axis, start, runs, gates);
+    pictures(w, out.shown, out.axis, &out.d);
+    return out;
 }
 
 // The joints to look at, and why the others are left out.

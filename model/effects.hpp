@@ -51,6 +51,7 @@ std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c, cons
 
 // Nuisances every candidate is tested beside: Coulomb and viscous friction, free by direction.
 // Columns: f0 positive, f0 negative, fv positive, fv negative.
+constexpr Eigen::Index kFriction = 4;
 Eigen::MatrixXd nuisance_columns(const BlockRows &b);
 // Healthy imperfections no name should be given to: vibration (the first column), torque a few
 // milliseconds away from position, and declared ripple as the rotor answers it at speed and wind-up
