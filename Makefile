@@ -281,9 +281,9 @@ $(BUILD)/measured_page: $(call obj,$(wildcard tools/measured_*.cpp)) $(LIBS)
 	@echo "  LD  $@" && $(CXX) $(OPT) -o $@ $^ $(LINK)
 $(BUILD)/tests/check_measured: $(BUILD)/obj/tests/check_measured.cpp.o $(BUILD)/obj/tools/measured_signals.cpp.o $(LIBS)
 	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
-$(BUILD)/tests/rt_shim.so: tests/rt_shim.c
+$(BUILD)/tests/rt_shim.so: tests/rt_shim.c | $(READY)
 	@mkdir -p $(@D) && $(CC) -O1 -std=gnu99 -Wall -Wextra -Werror -shared -fPIC -o $@ $<
-$(BUILD)/tests/rt_probe: tests/rt_probe.c
+$(BUILD)/tests/rt_probe: tests/rt_probe.c | $(READY)
 	@mkdir -p $(@D) && $(CC) -O1 -std=gnu99 -Wall -Wextra -Werror -o $@ $< -lpthread
 $(BUILD)/tests/check_rt: | $(BUILD)/hdt $(BUILD)/tests/rt_shim.so $(BUILD)/tests/rt_probe
 $(BUILD)/tests/check_plugin: | $(BUILD)/libhdt.so.$(VERSION)
