@@ -44,7 +44,7 @@ READY  := $(BUILD)/.ready
 PUBLIC := ctrl/hdt.h ctrl/hdt_q.h ctrl/hdt_tables.h \
           $(addprefix driver/,hdt_bus.h drv_telegram.h drv_cycle.h drv_dump.h drv_log.h drv_host.h drv_rt.h hdt_plugin.h)
 
-.PHONY: all demo paper measured check check-install check-posix linuxcnc check-linuxcnc check-asan run-asan check-mujoco fmu check-fmu bench bench-core bench-sim bench-diagnosis bench-ident install clean help guards
+.PHONY: all demo paper measured check check-install check-posix linuxcnc check-linuxcnc check-asan run-asan check-mujoco fmu check-fmu bench bench-core bench-pinocchio bench-sim bench-diagnosis bench-ident install clean help guards
 .PHONY: check-cross fuzz check-mutation check-coverage check-proof check-misra
 .DELETE_ON_ERROR:
 .SECONDARY:
@@ -106,8 +106,8 @@ check-mutation:
 # a Python with one package, in build/; without the package index the target is skipped, aloud
 python = { test -x $(BUILD)/venv/bin/python || python3 -m venv $(BUILD)/venv; } && \
   { $(BUILD)/venv/bin/python -c 'import $(1)' 2>/dev/null || \
-    $(BUILD)/venv/bin/pip install -q --disable-pip-version-check $(1); } || \
-  { echo "SKIP: $@: pip cannot install $(1); is the package index reachable?"; exit 0; }
+    $(BUILD)/venv/bin/pip install -q --disable-pip-version-check $(or $(2),$(1)); } || \
+  { echo "SKIP: $@: pip cannot install $(or $(2),$(1)); is the package index reachable?"; exit 0; }
 
 ## check-mujoco: MuJoCo (by pip, in build/) finds the torques of exported arms that ours finds
 check-mujoco: $(BUILD)/hdt $(BUILD)/tests/rbd_torques
@@ -161,6 +161,10 @@ bench: bench-core bench-sim
 ## bench-core: what a period of the core costs: time, instructions (STATES=10000), stack, code; on a Cortex-M4
 bench-core: $(BUILD)/bench_core $(BUILD)/hdt
 	@CC="$(CC)" OPT="$(OPT)" tools/bench-core
+
+## bench-pinocchio: a whole period of the core beside the torques of Pinocchio (by pip, in build/) for the same arm
+bench-pinocchio: $(BUILD)/bench_core
+	@$(call python,pinocchio,pin); CXX="$(CXX)" OPT="$(OPT)" tools/bench-pinocchio
 
 ## bench-sim: the plant alone: time of chain and steps, error of Runge-Kutta; and the same arm in MuJoCo
 bench-sim: $(BUILD)/bench_sim
