@@ -62,6 +62,8 @@ static int take(struct drv_cycle *c, const struct drv_state *s)
         c->link = DRV_LINK_RUNNING;
     if (s->type == DRV_END)
         c->end_answered = 1;
+    if (s->type == DRV_CLEAR)
+        c->wait = 0;
     if (s->type != DRV_CYCLIC)
         return 0;
     c->last = *s;
@@ -168,6 +170,28 @@ static void command_axis(const struct drv_cycle *c, unsigned j, uint32_t mode, c
     }
 }
 
+/* 'A' for the next axis with an alarm; 0 when none is left and none awaits its answer. */
+static int clear_next(struct drv_cycle *c)
+{
+    struct drv_command cmd;
+    if (c->want_type == DRV_CLEAR) {
+        c->wait--; /* receive() gives it up at 0 */
+        return 1;
+    }
+    if (c->alarms == 0)
+        return 0;
+    memset(&cmd, 0, sizeof cmd);
+    cmd.type = DRV_CLEAR;
+    cmd.axis_no = 1;
+    while ((c->alarms >> (cmd.axis_no - 1u) & 1u) == 0)
+        cmd.axis_no++;
+    if (send_telegram(c, &cmd) == HDT_BUS_OK) {
+        c->alarms &= c->alarms - 1u;
+        c->wait = DRV_CYCLE_RETRY - 1;
+    }
+    return 1;
+}
+
 static void send_cyclic(struct drv_cycle *c, const struct hdt_in *in, const struct hdt_out *out,
                         int safe)
 {
@@ -214,7 +238,8 @@ int drv_cycle_period(struct drv_cycle *c, struct hdt_in *in, struct hdt_out *out
     int safe = e != HDT_OK || c->rec.out.fault != 0;
     switch (c->link) {
     case DRV_LINK_STARTING:
-        send_mode(c, DRV_START);
+        if (!clear_next(c))
+            send_mode(c, DRV_START);
         break;
     case DRV_LINK_RUNNING:
         send_cyclic(c, &c->rec.in, &c->rec.out, safe);
@@ -264,6 +289,10 @@ void drv_cycle_restart(struct drv_cycle *c)
         c->count.lost++;
     lose_link(c);
     c->link = DRV_LINK_STARTING;
+    c->alarms = 0;
+    for (unsigned j = 0; j < c->core.tables->joints; j++)
+        if ((c->last.axis[j].status & DRV_AXIS_ALARM_MASK) != 0)
+            c->alarms |= 1u << j;
     /* as after init: what the core knows is old, and that is meant */
     c->started = 0;
 }

@@ -59,7 +59,8 @@ struct drv_cycle {
     uint8_t seq;                    /* of the last command sent, 0..127 */
     uint8_t want_seq;               /* of the reply awaited */
     uint8_t want_type;              /* enum drv_type of the reply awaited; 0: none */
-    unsigned wait;                  /* periods until 'S' or 'E' is sent again */
+    unsigned wait;                  /* periods until 'S' or 'E' is sent again, or an 'A' given up */
+    uint32_t alarms;                /* bit per axis: its alarm is to be cleared before 'S' */
     int started;                    /* a state has arrived since init or restart         */
     int in_step;                    /* a state has arrived since the link was last up    */
     int end_answered;
@@ -116,7 +117,9 @@ int drv_cycle_end(struct drv_cycle *c);
 int drv_cycle_ended(struct drv_cycle *c);
 
 /* Ask for control mode again, after drv_cycle_end or after the servo left it (its watchdog or an
- * alarm).  Latched core faults stay; hdt_clear(&c->core) is the caller's decision.
+ * alarm).  Each axis that last reported an alarm is sent an 'A' before, once: an older driver has no
+ * 'A' and does not answer, and what is still wrong comes back with the next state.
+ * Latched core faults stay; hdt_clear(&c->core) is the caller's decision.
  * Context: between periods. */
 void drv_cycle_restart(struct drv_cycle *c);
 

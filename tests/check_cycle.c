@@ -315,27 +315,54 @@ START_TEST(test_alarm_bits_reach_the_core)
 }
 END_TEST
 
-START_TEST(test_restart_and_clear_bring_the_arm_back_after_an_alarm)
+START_TEST(test_restart_clears_the_alarm_of_each_axis_before_it_asks_for_control)
 {
     struct rig r;
     rig_init(&r, NULL);
     rig_periods(&r, 4);
-    r.servo.state.axis[0].status = DRV_ALARM_TIMEOUT << DRV_ALARM_SHIFT;
+    for (unsigned j = 0; j < DRV_AXES; j += 3)
+        r.servo.state.axis[j].status = DRV_ALARM_OVER_VELOCITY << DRV_ALARM_SHIFT | DRV_AXIS_LIMIT_POS;
     rig_periods(&r, 2);
-    ck_assert_uint_eq(r.out.fault, HDT_FAULT_SERVO);
-    /* the servo leaves its alarm with 'S' */
-    r.servo.state.axis[0].status = 0;
+    ck_assert_uint_eq(r.out.fault_joints, 0x49);
     drv_cycle_restart(&r.c);
     ck_assert_int_eq(hdt_clear(&r.c.core), HDT_OK);
-    unsigned starts = r.servo.starts;
+    for (unsigned j = 0; j < DRV_AXES; j += 3) {
+        rig_period(&r);
+        ck_assert_uint_eq(r.sent.type, DRV_CLEAR);
+        ck_assert_uint_eq(r.sent.axis_no, j + 1);
+    }
     rig_period(&r);
     ck_assert_uint_eq(r.sent.type, DRV_START);
     rig_period(&r);
     assert_all_braked(&r.sent);
     rig_period(&r);
-    ck_assert_uint_eq(r.servo.starts, starts + 1);
     ck_assert_uint_eq(r.out.fault, 0);
     ck_assert_int_eq(r.sent.axis[0].torque_dig, 20);
+    ck_assert_uint_eq(r.c.count.lost, 1); /* of the state in flight at the restart */
+    /* nothing is left to clear the next time */
+    drv_cycle_restart(&r.c);
+    rig_period(&r);
+    ck_assert_uint_eq(r.sent.type, DRV_START);
+}
+END_TEST
+
+START_TEST(test_a_driver_that_does_not_know_clear_is_not_waited_for)
+{
+    struct rig r;
+    rig_init(&r, NULL);
+    rig_periods(&r, 4);
+    r.servo.no_clear = 1;
+    r.servo.state.axis[1].status = r.servo.state.axis[5].status = DRV_ALARM_TIMEOUT << DRV_ALARM_SHIFT;
+    rig_periods(&r, 2);
+    drv_cycle_restart(&r.c);
+    ck_assert_int_eq(hdt_clear(&r.c.core), HDT_OK);
+    /* one 'A' an axis, as long apart as any question is repeated, then control mode */
+    for (unsigned k = 0; k <= 2 * DRV_CYCLE_RETRY; k++) {
+        rig_period(&r);
+        ck_assert_uint_eq(r.sent.type, k % DRV_CYCLE_RETRY != 0 ? 0 : k < 2 * DRV_CYCLE_RETRY ? DRV_CLEAR : DRV_START);
+        ck_assert_uint_eq(r.sent.axis_no, k == 0 ? 2 : k == DRV_CYCLE_RETRY ? 6 : r.sent.axis_no);
+    }
+    ck_assert_uint_eq(r.c.count.lost, 3);
 }
 END_TEST
 
@@ -774,7 +801,8 @@ static Suite *cycle_suite(void)
     tcase_add_test(t, test_sequence_stays_below_128_through_its_wrap);
     tcase_add_test(t, test_end_is_repeated_until_answered_and_nothing_else_is_sent);
     tcase_add_test(t, test_an_orderly_end_loses_no_reply);
-    tcase_add_test(t, test_restart_and_clear_bring_the_arm_back_after_an_alarm);
+    tcase_add_test(t, test_restart_clears_the_alarm_of_each_axis_before_it_asks_for_control);
+    tcase_add_test(t, test_a_driver_that_does_not_know_clear_is_not_waited_for);
     tcase_add_test(t, test_init_refuses_what_it_cannot_drive);
     suite_add_tcase(s, t);
     t = tcase_create("command");

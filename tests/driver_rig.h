@@ -58,6 +58,7 @@ static inline struct hdt_tables *rig_tables(void)
 struct rig_servo {
     struct hdt_bus bus;
     int mute;                   /* receive, answer nothing */
+    int no_clear;               /* as older drivers: does not know 'A' */
     int control;                /* between 'S' and 'E' */
     struct drv_state state;     /* what it reports; type and sequence are filled in */
     struct drv_command last;    /* last cyclic command */
@@ -81,10 +82,12 @@ static inline void rig_serve(struct rig_servo *s)
         s->cyclic += c.type == DRV_CYCLIC;
         if (c.type == DRV_CYCLIC)
             s->last = c;
-        if (s->mute)
+        if (s->mute || (c.type == DRV_CLEAR && s->no_clear))
             continue;
         if (c.type == DRV_START || c.type == DRV_END)
             s->control = c.type == DRV_START;
+        if (c.type == DRV_CLEAR)
+            s->state.axis[c.axis_no - 1].status &= (uint16_t)~DRV_AXIS_ALARM_MASK;
         s->state.seq = c.seq;
         s->state.type = c.type;
         (void)drv_state_encode(DRV_FORMAT_A, &s->state, &f);
