@@ -117,6 +117,22 @@ START_TEST(test_filter_agrees_with_the_double_biquad)
 }
 END_TEST
 
+START_TEST(test_rounding_loses_nothing)
+{
+    uint64_t r = 7;
+    int32_t q[5];
+    struct hdt_vel s = {{0, 0}, {0, 0}, 0};
+    design(7, 700, q);
+    for (int k = 0; k < 10000; k++) {
+        const int32_t x_q24 = Q(test_uniform(&r, -2, 2), 24);
+        const int64_t sum_q52 = (int64_t)q[0] * x_q24 + (int64_t)q[1] * s.x_q24[0] + (int64_t)q[2] * s.x_q24[1] -
+                                (int64_t)q[3] * s.y_q24[0] - (int64_t)q[4] * s.y_q24[1] + s.rest;
+        const int32_t y_q24 = hdt_vel_filter(&s, q, x_q24);
+        ck_assert_int_eq((int64_t)y_q24 * (1 << 28) + s.rest, sum_q52);
+    }
+}
+END_TEST
+
 START_TEST(test_constant_speed_is_reached_exactly)
 {
     const double cutoff[] = {1, 5, 20, 50, 200};
@@ -340,6 +356,7 @@ static Suite *vel_suite(void)
     tcase_add_test(d, test_jump_is_clamped_never_wrapped);
     tcase_add_test(d, test_difference_is_held_at_2_to_the_24_counts);
     tcase_add_test(f, test_filter_agrees_with_the_double_biquad);
+    tcase_add_test(f, test_rounding_loses_nothing);
     tcase_add_test(f, test_constant_speed_is_reached_exactly);
     tcase_add_test(f, test_cutoff_is_three_decibel);
     tcase_add_test(f, test_full_scale_square_wave_never_wraps);
