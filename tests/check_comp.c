@@ -159,6 +159,10 @@ START_TEST(test_directed_terms_vanish_at_standstill)
         ck_assert_int_eq(hdt_comp_load(&arm.joint[0], &m, Q(d.load, 16)), 0);
         ck_assert_int_eq(hdt_comp_temperature(&arm.joint[0], &m), 0);
         ck_assert_int_eq(hdt_comp_presliding(&arm.joint[0], &m), 0);
+        ck_assert_int_eq(hdt_comp_local(&arm.joint[0], &m), 0);
+        for (uint32_t k = 0; k < arm.joint[0].lines; k++)
+            arm.joint[0].line[k].directed = 1;
+        ck_assert_int_eq(hdt_comp_lines(&arm.joint[0], &m), 0);
     }
 }
 END_TEST
