@@ -377,8 +377,15 @@ std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &
     return words;
 }
 
-std::string adopt_axis(ArmFile *file, const JointWork &w, const Found &axis, const VectorXd &theta)
+VectorXd axis_curve_nm(const JointWork &w, const JointEstimate &e, const VectorXd &theta)
 {
+    return gain_scale(w, e) * theta;
+}
+
+std::string adopt_axis(ArmFile *file, const JointWork &w, const JointEstimate &e, const Found &axis,
+                       const VectorXd &theta)
+{
+    const VectorXd at_knots_nm = axis_curve_nm(w, e, theta);
     const Writer out{file, "joint." + std::to_string(w.joint + 1)};
     const std::string &name = axis.family.axis;
     const std::size_t comma = name.find(',');
@@ -388,12 +395,12 @@ std::string adopt_axis(ArmFile *file, const JointWork &w, const Found &axis, con
         const double step = knots[1] - knots[0], last = static_cast<double>(knots.size() - 1);
         const double at = std::clamp((x - knots[0]) / step, 0.0, last);
         const auto k = static_cast<Eigen::Index>(std::min(at, last - 1));
-        return theta[k] + (theta[k + 1] - theta[k]) * (at - static_cast<double>(k));
+        return at_knots_nm[k] + (at_knots_nm[k + 1] - at_knots_nm[k]) * (at - static_cast<double>(k));
     };
     cite(file);
     const bool known = over == own || over == "load";
     if (known && write_table(out, over == own ? "over_position" : "over_load", over == own ? "rad" : "N m", knots.front(),
-                             knots.back(), comma != std::string::npos, curve, w.floor_nm))
+                             knots.back(), comma != std::string::npos, curve, gain_scale(w, e) * w.floor_nm))
         return "";
     return "the model file has no table over " + name + (known ? " free" : "") + "; it is not adopted";
 }

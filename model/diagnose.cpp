@@ -678,7 +678,8 @@ void list_effects(const hdt_arm &arm, const JointWork &w, const JointEstimate &e
     out.rms_nm = reducible_rms(w.test, [&](const BlockRows &b) -> VectorXd { return axis.columns(b) * axis_theta; });
     out.p_adjusted = axis.p_adjusted;
     out.table_x = axis.family.knots;
-    out.table_nm.assign(axis_theta.data(), axis_theta.data() + axis_theta.size());
+    const VectorXd curve_nm = axis_curve_nm(w, e, axis_theta);
+    out.table_nm.assign(curve_nm.data(), curve_nm.data() + curve_nm.size());
     d->effects.push_back(std::move(out));
 }
 
@@ -919,7 +920,8 @@ void adopt(ArmFile *model, const Works &works, const std::vector<Start> &start, 
             adopt_friction(model, *works[j], start[j].refit, start[j].refit_sigma);
         if (!g.adopt)
             continue;
-        const std::string no_table = g.axis.family.id.empty() ? "" : adopt_axis(model, *works[j], g.axis, g.axis_theta);
+        const std::string no_table =
+            g.axis.family.id.empty() ? "" : adopt_axis(model, *works[j], g.e, g.axis, g.axis_theta);
         // what was fitted beside a curve the file cannot hold is right only beside it
         std::string refused = no_table.empty() || !works[j]->found.empty() ? adopt_joint(model, *works[j], g.e) : "";
         for (Effect &e : g.d.effects)

@@ -66,7 +66,8 @@ struct Hidden {
     bool line_directed = false;
     double inertia_kgm2 = 0, presliding_nm = 0, presliding_rad = 0.01, gain = 0, spring = 0, spring_rest = 0.4;
     double dry_spot_nm = 0;                 // friction bump at q = 0.3
-    double pose_friction_nm = 0;            // outside every list: friction over the other joint's angle
+    // outside every list: friction over the other joint's angle; over the cube of its own, N.m at 1 rad
+    double pose_friction_nm = 0, own_friction_nm = 0;
     double tilt_rad = 0, angle_rad = 0;     // base tilted in the plane; resolver of the joint reads short by
     double ahead_rad = 0;                   // resolver reads ahead by this times sin q
     double moment_kgm = 0;                  // of the first link, more than declared
@@ -184,6 +185,7 @@ inline hdt::Run make_run(const Hidden &hidden, const Noise &noise, unsigned long
                 friction *= 1 + hidden.cold * std::exp(-run.t_s.back() / hidden.warm_s);
                 friction += hidden.dry_spot_nm * std::exp(-0.5 * std::pow((q[j] - 0.3) / 0.15, 2));
                 friction += hidden.pose_friction_nm * std::exp(-0.5 * std::pow((q[1 - j] - 0.3) / 0.4, 2));
+                friction += hidden.own_friction_nm * q[j] * q[j] * q[j];
                 friction += hidden.drive_mu * std::max(0.0, dir[j] * load[j]) + hidden.square * v[j] * v[j];
                 friction += hidden.slow_nm * std::exp(-std::fabs(v[j]) / 0.03) + (now ? hidden.drag_nm : 0);
                 friction += 0.5 * hidden.step_nm * (1 + std::tanh((dir[j] * load[j] - hidden.step_at_nm) / 3));
