@@ -539,6 +539,23 @@ double log_mean_exp(const std::vector<double> &x, double count)
     return top + std::log(sum / count);
 }
 
+namespace {
+
+// One set of coefficients for all joints from some of the runs, beside their prior.
+VectorXd theta_of_all(const std::vector<const Gram *> &g, const RunSet &use)
+{
+    MatrixXd a = g[0]->prior;
+    VectorXd b = VectorXd::Zero(g[0]->columns);
+    for (const Gram *joint : g) {
+        const Projected p = project(*joint, use);
+        a += p.a;
+        b += p.b;
+    }
+    return ridged(a).llt().solve(b);
+}
+
+} // namespace
+
 double split_log_e(const std::vector<const Gram *> &g, const std::vector<RunSet> &splits)
 {
     std::vector<double> log_e;
@@ -546,14 +563,7 @@ double split_log_e(const std::vector<const Gram *> &g, const std::vector<RunSet>
         RunSet test(train.size());
         for (std::size_t r = 0; r < train.size(); ++r)
             test[r] = static_cast<char>(!train[r]);
-        MatrixXd a = g[0]->prior;
-        VectorXd b = VectorXd::Zero(g[0]->columns);
-        for (const Gram *joint : g) {
-            const Projected p = project(*joint, train);
-            a += p.a;
-            b += p.b;
-        }
-        const VectorXd theta = ridged(a).llt().solve(b);
+        const VectorXd theta = theta_of_all(g, train);
         double sum = 0;
         for (const Gram *joint : g) {
             const Projected p = project(*joint, test);
@@ -587,14 +597,7 @@ std::vector<RunGain> leave_one_run_out(const std::vector<const Gram *> &g)
     for (std::size_t r = 0; r < runs; ++r) {
         RunSet use(runs, 1);
         use[r] = 0;
-        MatrixXd a = g[0]->prior;
-        VectorXd b = VectorXd::Zero(g[0]->columns);
-        for (const Gram *joint : g) {
-            const Projected p = project(*joint, use);
-            a += p.a;
-            b += p.b;
-        }
-        const VectorXd theta = ridged(a).llt().solve(b);
+        const VectorXd theta = theta_of_all(g, use);
         for (std::size_t j = 0; j < g.size(); ++j) {
             const Gram &c = *g[j];
             const Index nn = c.nuisances, k = c.columns, n = nn + k + 1;

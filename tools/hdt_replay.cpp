@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "driver/drv_log.h"
+#include "model/text.hpp"
 #include "tools/hdt_cli.hpp"
 #include "tools/hdt_rig.hpp"
 
@@ -29,17 +30,6 @@ Reader open(const std::string &log)
         throw InputError(log + ": logged with table layout " + std::to_string(head->table_layout) + ", this core has " +
                          std::to_string(HDT_TABLES_LAYOUT) + ": replay it with the program that logged it");
     return reader;
-}
-
-std::string hex(const uint8_t *bytes, size_t count)
-{
-    std::string text;
-    char two[3];
-    for (size_t i = 0; i < count; i++) {
-        std::snprintf(two, sizeof two, "%02x", bytes[i]);
-        text += two;
-    }
-    return text;
 }
 
 // The image, for comparison: it has no padding.
