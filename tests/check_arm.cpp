@@ -10,12 +10,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <fstream>
 #include <functional>
 #include <sstream>
 
 #include "model/rbd.hpp"
 #include "model/terms.hpp"
+#include "model/text.hpp"
 #include "tests/check_main.h"
 #include "tests/scratch.hpp"
 
@@ -372,14 +372,6 @@ START_TEST(test_a_file_that_cannot_be_read_is_named)
 }
 END_TEST
 
-static std::string slurp(const std::string &path)
-{
-    std::ifstream in(path, std::ios::binary);
-    std::ostringstream out;
-    out << in.rdbuf();
-    return out.str();
-}
-
 // Whatever the bytes: a model, or one line of refusal.
 static void must_load_or_refuse(const std::string &text)
 {
@@ -674,14 +666,8 @@ START_TEST(test_digest_is_that_of_sha256sum)
     std::FILE *pipe = popen("sha256sum model/arms/pa10.toml", "r");
     ck_assert(pipe != NULL && std::fscanf(pipe, "%64s", text) == 1);
     pclose(pipe);
-    std::string mine;
     const ArmFile file = ArmFile::load(pa10_path);
-    for (const uint8_t byte : file.arm().digest) {
-        char two[3];
-        std::snprintf(two, sizeof two, "%02x", byte);
-        mine += two;
-    }
-    assert_text(mine, text);
+    assert_text(hdt::hex(file.arm().digest, sizeof file.arm().digest), text);
 }
 END_TEST
 

@@ -5,18 +5,16 @@
 // `hdt diagnose` as a process, answers counted.
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
-#include <fstream>
 #include <set>
 #include <string>
 
 #include <nlohmann/json.hpp>
 
 #include "model/arm_file.hpp"
-#include "tests/scratch.hpp"
+#include "tests/shell.hpp"
 #include "tools/bench_diagnosis.hpp"
 #include "tools/hdt_effects.hpp"
-#include "tests/check_main.h" // last: check.h defines words the C++ headers use
+#include "tests/check_main.h"
 
 using namespace hdt;
 using namespace hdt::bench;
@@ -67,12 +65,6 @@ double binomial(int n, double p, int lo, int hi)
     for (int k = lo; k <= hi; k++)
         sum += choose(n, k) * std::pow(p, k) * std::pow(1 - p, n - k);
     return sum;
-}
-
-std::string slurp(const std::string &path)
-{
-    std::ifstream in(path, std::ios::binary);
-    return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 
 } // namespace
@@ -278,9 +270,8 @@ END_TEST
 START_TEST(test_round_of_the_bench)
 {
     const std::string dir = scratch_dir();
-    const char *build = std::getenv("BUILD");
     Place place;
-    place.hdt = std::string(build ? build : "build") + "/hdt";
+    place.hdt = build_dir() + "/hdt";
     place.out = dir;
     place.joints = "4,6";
     place.keep = true;

@@ -13,7 +13,6 @@
 #include <vector>
 
 #include <sys/stat.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <nlohmann/json.hpp>
@@ -21,21 +20,11 @@
 #include "model/arm_file.hpp"
 #include "model/log.hpp"
 #include "tests/check_main.h"
-#include "tests/scratch.hpp"
+#include "tests/shell.hpp"
 
 namespace {
 
-std::string root, hdt, dir;
-
-struct Result { int code; std::string out, err; };
-
-std::string slurp(const std::string &path)
-{
-    std::ifstream file(path);
-    std::ostringstream text;
-    text << file.rdbuf();
-    return text.str();
-}
+std::string dir;
 
 bool exists(const std::string &name)
 {
@@ -43,24 +32,7 @@ bool exists(const std::string &name)
     return stat((dir + "/" + name).c_str(), &s) == 0;
 }
 
-// Run a shell line in the test's directory; $H is hdt, $A the PA-10's file.
-Result sh(const std::string &line)
-{
-    std::string command = "cd " + dir + " && H=" + hdt + " && A=" + root + "/model/arms/pa10.toml && (" + line +
-                          ") >out 2>err";
-    int status = std::system(command.c_str());
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : 128, slurp(dir + "/out"), slurp(dir + "/err")};
-}
-
-void set_up()
-{
-    char here[4096];
-    ck_assert_ptr_nonnull(getcwd(here, sizeof here));
-    root = here;
-    const char *build = std::getenv("BUILD");
-    hdt = root + "/" + (build ? build : "build") + "/hdt";
-    dir = scratch_dir();
-}
+void set_up() { dir = scratch_dir(); }
 
 void tear_down() { std::filesystem::remove_all(dir); }
 
@@ -107,7 +79,7 @@ void commission()
 START_TEST(test_simulated_log_gives_its_parameters_back)
 {
     commission();
-    hdt::ArmFile truth = hdt::ArmFile::load(root + "/model/arms/pa10.toml");
+    hdt::ArmFile truth = hdt::ArmFile::load("model/arms/pa10.toml");
     hdt::ArmFile found = hdt::ArmFile::load(dir + "/commissioned/model.toml");
     for (int j = 0; j < truth.arm().joints; j++)
         for (int d = 0; d < 2; d++) {

@@ -196,10 +196,30 @@ static void random_chain(uint64_t *r, struct hdt_motion m[], double q[], double 
     }
 }
 
+/* Of all arms of a test: as a share of what was allowed, and as it is. */
+struct worst { double share, nm; };
+
+static void assert_torques(int n, const int32_t *got_q16, const double *want_nm, double allowed_nm, struct worst *worst)
+{
+    for (uint32_t j = 0; j < arm.joints; j++) {
+        const double error = fabs(D(got_q16[j], 16) - want_nm[j]);
+        worst->share = fmax(worst->share, error / allowed_nm);
+        worst->nm = fmax(worst->nm, error);
+        ck_assert_msg(error <= allowed_nm, "arm %d joint %u: %.7f expected %.7f, allowed %.7f", n, j, D(got_q16[j], 16),
+                      want_nm[j], allowed_nm);
+    }
+}
+
+static void say_worst(const char *what, int joints, const struct worst *worst)
+{
+    if (getenv("HDT_TEST_RESIDUALS"))
+        printf("%s %d joints: %.2f of the tolerance, %.1f LSB at most\n", what, joints, worst->share, worst->nm / LSB_NM);
+}
+
 START_TEST(test_gravity_is_the_gradient_of_potential_energy)
 {
     uint64_t r = 20 + (uint64_t)_i;
-    double worst = 0, worst_nm = 0;
+    struct worst worst = {0, 0};
     for (int n = 0; n < 300; n++) {
         struct hdt_motion m[HDT_JOINTS_MAX];
         double q[HDT_JOINTS_MAX], v[HDT_JOINTS_MAX], a[HDT_JOINTS_MAX], want[HDT_JOINTS_MAX];
@@ -209,23 +229,16 @@ START_TEST(test_gravity_is_the_gradient_of_potential_energy)
         random_chain(&r, m, q, v, a);
         hdt_chain_gravity(&arm, m, got);
         ref_gravity(&arm, q, want);
-        for (uint32_t j = 0; j < arm.joints; j++) {
-            const double error = fabs(D(got[j], 16) - want[j]), allowed = ref_gravity_tolerance(&arm);
-            worst = fmax(worst, error / allowed);
-            worst_nm = fmax(worst_nm, error);
-            ck_assert_msg(error <= allowed, "arm %d joint %u: %.7f expected %.7f, allowed %.7f", n, j,
-                          D(got[j], 16), want[j], allowed);
-        }
+        assert_torques(n, got, want, ref_gravity_tolerance(&arm), &worst);
     }
-    if (getenv("HDT_TEST_RESIDUALS"))
-        printf("gravity %d joints: %.2f of the tolerance, %.1f LSB at most\n", _i, worst, worst_nm / LSB_NM);
+    say_worst("gravity", _i, &worst);
 }
 END_TEST
 
 START_TEST(test_inertia_agrees_with_projection_in_the_base_frame)
 {
     uint64_t r = 40 + (uint64_t)_i;
-    double worst = 0, worst_nm = 0;
+    struct worst worst = {0, 0};
     for (int n = 0; n < 300; n++) {
         struct hdt_motion m[HDT_JOINTS_MAX];
         double q[HDT_JOINTS_MAX], v[HDT_JOINTS_MAX], a[HDT_JOINTS_MAX], want[HDT_JOINTS_MAX];
@@ -234,17 +247,9 @@ START_TEST(test_inertia_agrees_with_projection_in_the_base_frame)
         random_chain(&r, m, q, v, a);
         hdt_chain_inertia(&arm, m, got);
         ref_inertia(&arm, q, v, a, want);
-        const double allowed = ref_inertia_tolerance(&arm);
-        for (uint32_t j = 0; j < arm.joints; j++) {
-            const double error = fabs(D(got[j], 16) - want[j]);
-            worst = fmax(worst, error / allowed);
-            worst_nm = fmax(worst_nm, error);
-            ck_assert_msg(error <= allowed, "arm %d joint %u: %.7f expected %.7f, allowed %.7f", n, j,
-                          D(got[j], 16), want[j], allowed);
-        }
+        assert_torques(n, got, want, ref_inertia_tolerance(&arm), &worst);
     }
-    if (getenv("HDT_TEST_RESIDUALS"))
-        printf("inertia %d joints: %.2f of the tolerance, %.1f LSB at most\n", _i, worst, worst_nm / LSB_NM);
+    say_worst("inertia", _i, &worst);
 }
 END_TEST
 

@@ -9,7 +9,7 @@
 
 #include "model/dataset.hpp"
 
-#include "tests/check_main.h" // last: check.h defines a macro named fail
+#include "tests/check_main.h"
 
 using hdt::Conditioned;
 using hdt::Run;

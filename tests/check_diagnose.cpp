@@ -5,8 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <fstream>
-#include <iterator>
 #include <string>
 
 #include <nlohmann/json.hpp>
@@ -15,7 +13,7 @@
 #include "tests/planar_arm.hpp"
 #include "tests/scratch.hpp"
 
-#include "tests/check_main.h" // last: check.h defines words the C++ headers use
+#include "tests/check_main.h"
 
 using namespace hdt;
 using planar::Hidden;
@@ -119,12 +117,6 @@ std::vector<Case> cases()
     c.back().hidden.knee_nm = 70;
     c.push_back({"torque_delay", {}, 0.03, "delay_s", 0.03});
     return c;
-}
-
-std::string slurp(const std::string &path)
-{
-    std::ifstream in(path, std::ios::binary);
-    return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 
 // Of y = slope * x + any constant.

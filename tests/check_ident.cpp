@@ -18,7 +18,7 @@
 #include "model/ident_solve.hpp"
 
 #include "tests/scratch.hpp"
-#include "tests/check_main.h" // last: check.h defines a macro named fail
+#include "tests/check_main.h"
 
 using hdt::ArmFile;
 using hdt::IdentResult;

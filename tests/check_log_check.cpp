@@ -16,9 +16,9 @@
 
 #include "model/log_check.hpp"
 #include "tests/planar_arm.hpp"
-#include "tests/scratch.hpp"
+#include "tests/shell.hpp"
 
-#include "tests/check_main.h" // last: check.h defines words the C++ headers use
+#include "tests/check_main.h"
 
 using namespace hdt;
 
@@ -148,9 +148,8 @@ const hdt_arm &pa10()
 
 Run simulate(const std::string &options)
 {
-    const char *build = std::getenv("BUILD");
     const std::string out = scratch("run.csv");
-    const std::string command = std::string(build ? build : "build") + "/hdt sim --arm " + pa10_file + " --out " +
+    const std::string command = build_dir() + "/hdt sim --arm " + pa10_file + " --out " +
                                 out + " " + options + " >" + scratch("said") + " 2>&1";
     ck_assert_msg(std::system(command.c_str()) == 0, "%s", command.c_str());
     return read_run(out);

@@ -27,7 +27,7 @@
 #include "driver/hdt_plugin.h"
 #include "tests/check_main.h"
 #include "tests/driver_rig.h"
-#include "tests/scratch.hpp"
+#include "tests/shell.hpp"
 
 namespace {
 
@@ -38,8 +38,7 @@ std::vector<uint8_t> image;
 
 void load_plugin()
 {
-    const char *build = std::getenv("BUILD");
-    std::string path = std::string(build ? build : "build") + "/libhdt.so." + std::to_string(HDT_VERSION_MAJOR) + "." +
+    std::string path = build_dir() + "/libhdt.so." + std::to_string(HDT_VERSION_MAJOR) + "." +
                        std::to_string(HDT_VERSION_MINOR) + "." + std::to_string(HDT_VERSION_PATCH);
     void *so = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
     ck_assert_msg(so != nullptr, "%s", dlerror());

@@ -6,44 +6,21 @@
 // Method: tests/rt_shim.c loaded before the program; a probe shows that the shim catches.
 // A machine that stalls for 30 periods faults a run, rightly: it is done again, twice at most.
 #include <cstdio>
-#include <cstdlib>
-#include <fstream>
-#include <sstream>
 #include <string>
 
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "tests/check_main.h"
-#include "tests/scratch.hpp"
+#include "tests/shell.hpp"
 
 namespace {
-
-struct Result { int code; std::string out; };
-
-// A shell line in the test's directory: $H is hdt, $A the PA-10's file, $P the probe, SHIM loads the shim.
-Result sh(const std::string &line)
-{
-    char here[4096];
-    if (!getcwd(here, sizeof here))
-        ck_abort();
-    const char *build = std::getenv("BUILD");
-    std::string root = here, bin = root + "/" + (build ? build : "build"), dir = scratch_dir();
-    std::string command = "cd " + dir + "; H=" + bin + "/hdt; A=" + root + "/model/arms/pa10.toml; P=" + bin +
-                          "/tests/rt_probe; SHIM='env LD_PRELOAD=" + bin + "/tests/rt_shim.so'; (" + line + ") >out 2>&1";
-    int status = std::system(command.c_str());
-    std::ifstream file(dir + "/out");
-    std::ostringstream text;
-    text << file.rdbuf();
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : 128, text.str()};
-}
 
 // With a servo standing where the task starts; the last command's exit code.  A loaded machine takes its
 // time to start a program, so a line waits for what it needs: `said TEXT` until the host has written that
 // into the file host, `runs` until its log has rows.
 Result with_servo(const std::string &line)
 {
-    return sh("rm -f bus host x.*; waits() { for i in $(seq 300); do \"$@\" 2>/dev/null && return; sleep 0.1; done; echo \"never: $*\"; }; "
+    return sh_together("rm -f bus host x.*; waits() { for i in $(seq 300); do \"$@\" 2>/dev/null && return; sleep 0.1; done; echo \"never: $*\"; }; "
               "said() { waits grep -q \"$1\" host; }; runs() { waits test -s x.csv.part; sleep 0.5; }; "
               "$H servo --arm $A --task lemniscate --bus unix:$PWD/bus --seconds 100 2>servo & s=$!; waits test -S bus; " + line +
               "; c=$?; kill $s 2>/dev/null; wait $s; cat host servo; exit $c");
@@ -80,14 +57,14 @@ unsigned long sleeps_of(const Result &r)
 
 START_TEST(test_the_shim_catches_an_allocation_and_a_system_call)
 {
-    Result r = sh("$SHIM $P nothing");
+    Result r = sh_together("$SHIM $P nothing");
     if (r.code == 98)
         HDT_SKIP("this kernel has no seccomp filters: the control thread's calls cannot be watched");
     ck_assert_int_eq(r.code, 0);
     assert_holds(r, "rt_shim: 10 sleeps, 0 allocations");
-    r = sh("$SHIM $P malloc");
+    r = sh_together("$SHIM $P malloc");
     assert_holds(r, "rt_shim: 10 sleeps, 2 allocations");
-    r = sh("$SHIM $P open");
+    r = sh_together("$SHIM $P open");
     ck_assert_int_eq(r.code, 97);
     assert_holds(r, "the control thread made system call ");
 }

@@ -6,7 +6,6 @@
 // Method: each bad file is a good one with a single thing spoilt; the message is compared in full
 // where its words are the interface (file, line, column), else by its parts.
 #include <cmath>
-#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <string>
@@ -31,17 +30,6 @@ std::string put(const std::string &bytes, const char *name = "run.csv")
     ck_assert_uint_eq(std::fwrite(bytes.data(), 1, bytes.size(), file), bytes.size());
     std::fclose(file);
     return path;
-}
-
-std::string slurp(const std::string &path)
-{
-    std::string out;
-    FILE *file = std::fopen(path.c_str(), "rb");
-    ck_assert_ptr_nonnull(file);
-    for (int c; (c = std::fgetc(file)) != EOF;)
-        out += static_cast<char>(c);
-    std::fclose(file);
-    return out;
 }
 
 std::string error_of(const std::string &path)

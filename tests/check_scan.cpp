@@ -7,7 +7,7 @@
 #include <random>
 
 #include "model/scan.hpp"
-#include "tests/check_main.h" // last: check.h defines words the C++ headers use
+#include "tests/check_main.h"
 
 using namespace hdt;
 using Eigen::Index;

@@ -10,6 +10,7 @@
 #include "driver/drv_backend.h"
 #include "driver/drv_telegram.h"
 #include "tests/check_main.h"
+#include "tests/example_command.h"
 
 static const enum drv_format formats[2] = {DRV_FORMAT_A, DRV_FORMAT_B};
 static const uint8_t types[7] = {'S', 'E', 'T', 'C', 'M', 'R', 'A'};
@@ -92,23 +93,7 @@ static int same_state(const struct drv_state *a, const struct drv_state *b)
     return same;
 }
 
-/* The examples of docs/formats.md. */
-static struct drv_command example_command(void)
-{
-    struct drv_command c = {.seq = 42, .type = DRV_CYCLIC};
-    for (int i = 0; i < DRV_AXES; i++)
-        c.axis[i].mode = DRV_AXIS_BRAKE;
-    c.axis[0].mode = c.axis[1].mode = DRV_AXIS_SERVO | DRV_AXIS_TORQUE;
-    c.axis[0].torque_dig = 1000;
-    c.axis[1].torque_dig = -1;
-    c.axis[3].mode = DRV_AXIS_SERVO;
-    c.axis[3].speed_dig = -5000;
-    c.axis[6].mode = DRV_AXIS_BRAKE | DRV_AXIS_DEADMAN;
-    c.axis[6].torque_dig = INT16_MIN;
-    c.axis[6].speed_dig = INT16_MAX;
-    return c;
-}
-
+/* With example_command(), the examples of docs/formats.md. */
 static struct drv_state example_state(void)
 {
     struct drv_state s = {.seq = 127, .type = DRV_CYCLIC};
