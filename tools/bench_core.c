@@ -46,7 +46,7 @@ static double uniform(uint64_t *seed, double low, double high)
     return low + (high - low) * ldexp((double)(*seed >> 11), -53);
 }
 
-/* Every effect at some size, so that no term is spared by a zero. */
+/* Every effect at some size, so that no term is absent from a joint or spared by a zero. */
 static void add_effects(struct hdt_arm *a)
 {
     a->payload_kg = 2;
@@ -66,6 +66,21 @@ static void add_effects(struct hdt_arm *a)
         k->lines = 2;
         k->line[0] = (struct hdt_arm_line){100.5, 0.6, 0.2, 1};
         k->line[1] = (struct hdt_arm_line){1.5, 0.5, -0.4, 0};
+        if (!k->has_stiffness) { /* the wrist has no soft wind-up of its own: the elbow's */
+            k->has_stiffness = 1;
+            memcpy(k->stiffness, a->joint[3].stiffness, sizeof k->stiffness);
+        }
+        k->has_local = k->has_table = k->table_directed = 1;
+        k->table_axis = HDT_AXIS_LOAD;
+        k->local[0].from = k->local[1].from = -1;
+        k->local[0].to = k->local[1].to = 1.5;
+        k->table.from = -60;
+        k->table.to = 60;
+        for (int i = 0; i < HDT_ARM_CURVE_POINTS; i++) {
+            k->local[0].nm[i] = 1 + sin(0.3 * i);
+            k->local[1].nm[i] = 2 + sin(0.2 * i);
+            k->table.nm[i] = sin(0.1 * i);
+        }
     }
 }
 
@@ -84,8 +99,13 @@ static void prepare(uint32_t terms, int random)
         fprintf(stderr, "bench_core: %s\n", err);
         exit(3);
     }
-    for (uint32_t j = 0; j < tables.joints; j++)
+    for (uint32_t j = 0; j < tables.joints; j++) {
         tables.joint[j].terms &= terms;
+        if (tables.joint[j].terms != terms && terms == sets[2].terms) {
+            fprintf(stderr, "bench_core: joint %u: terms 0x%x, expected 0x%x\n", j + 1, tables.joint[j].terms, terms);
+            exit(1);
+        }
+    }
     if (hdt_init(&core, &tables) != HDT_OK)
         exit(1);
     for (int k = 0; k < INPUTS; k++) {
