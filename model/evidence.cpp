@@ -197,7 +197,8 @@ void set_random_effects(RunRows &rows, const VectorXd &t_s, const VectorXd &dir,
 {
     const Index n = t_s.size();
     const double span = n > 0 ? t_s[n - 1] - t_s[0] : 0;
-    const Index knots = std::clamp<Index>(1 + static_cast<Index>(std::ceil(span / wander_s)), 2, kWanderKnotsMax);
+    const Index knots = std::clamp<Index>(1 + static_cast<Index>(std::ceil(span / wander_s)), 2,
+                                          kWanderKnotsMax);
     const double step = std::max(span, 1e-9) / static_cast<double>(knots - 1);
     rows.random = MatrixXd::Zero(n, 3 + 2 * knots);
     rows.random.col(0) = dir;
@@ -288,8 +289,8 @@ NoiseModel fit_noise(const std::vector<RunRows> &runs, const std::vector<MatrixX
         for (int i = 0; i < kInner; ++i) {
             sol = em_step(m, runs, prior, 2.0, var);
             // Runs cannot scatter by more than least squares leave.  Without this, large run effects make the
-            // slow part of the data worthless, the rest lets fixed effects run wild, and those ask for larger run
-            // effects.
+            // slow part of the data worthless, the rest lets fixed effects run
+            // wild, and those ask for larger run effects.
             for (int g = 0; g < RG_GROUPS; ++g)
                 var[g] = std::min(var[g], kScatterMost * left_nm2 / (g == RG_VISCOUS ? v2 : 1));
         }
@@ -306,7 +307,8 @@ NoiseModel fit_noise(const std::vector<RunRows> &runs, const std::vector<MatrixX
     return n;
 }
 
-Evidence::Evidence(std::vector<RunRows> runs, NoiseModel noise) : runs_(std::move(runs)), noise_(std::move(noise))
+Evidence::Evidence(std::vector<RunRows> runs, NoiseModel noise)
+    : runs_(std::move(runs)), noise_(std::move(noise))
 {
     for (const RunRows &r : runs_) {
         const Index nf = r.fixed.cols();
@@ -406,7 +408,8 @@ std::vector<VectorXd> Evidence::score() const
     return out;
 }
 
-void Evidence::products(std::size_t run, const MatrixXd &x, const VectorXd &residual, MatrixXd *a, VectorXd *b) const
+void Evidence::products(std::size_t run, const MatrixXd &x, const VectorXd &residual, MatrixXd *a,
+                        VectorXd *b) const
 {
     const Prepared &p = prepared_[run];
     const MatrixXd xw = whiten(noise_, runs_[run].lags, x), zx = p.half * (p.random.transpose() * xw);
@@ -522,7 +525,8 @@ MatrixXd jackknife_covariance(const Gram &g, const MatrixXd &covariance)
         const GlsFit fit = gls_fit(g, use);
         left_out.col(static_cast<Index>(r)) << fit.nuisance, fit.theta;
     }
-    const VectorXd grow = (jackknife_variance(left_out).array() / covariance.diagonal().array()).max(1.0).sqrt();
+    const VectorXd grow =
+        (jackknife_variance(left_out).array() / covariance.diagonal().array()).max(1.0).sqrt();
     return grow.asDiagonal() * covariance * grow.asDiagonal();
 }
 
@@ -582,7 +586,8 @@ MatrixXd taken_over(const Gram &g)
     MatrixXd sum = MatrixXd::Zero(g.nuisances + g.columns + 1, g.nuisances + g.columns + 1);
     for (const MatrixXd &m : g.plain)
         sum += m;
-    return ridged(sum.topLeftCorner(g.nuisances, g.nuisances)).llt().solve(sum.block(0, g.nuisances, g.nuisances, g.columns));
+    const MatrixXd nuisances = ridged(sum.topLeftCorner(g.nuisances, g.nuisances));
+    return nuisances.llt().solve(sum.block(0, g.nuisances, g.nuisances, g.columns));
 }
 
 } // namespace
@@ -610,7 +615,9 @@ std::vector<RunGain> leave_one_run_out(const std::vector<const Gram *> &g)
             without.head(nn) = -fac.solve(w.col(n - 1).head(nn));
             without[n - 1] = 1;
             with << -fac.solve(w.col(n - 1).head(nn) - w.block(0, nn, nn, k) * theta), -theta, 1;
-            const auto fall = [&](const MatrixXd &m) { return without.dot(m * without) - with.dot(m * with); };
+            const auto fall = [&](const MatrixXd &m) {
+                return without.dot(m * without) - with.dot(m * with);
+            };
             VectorXd effect = VectorXd::Zero(n);
             effect << -(beside[j] * theta), theta, 0;
             const double rows = static_cast<double>(c.rows[r]);
@@ -640,11 +647,13 @@ std::vector<double> ebh_adjusted(const std::vector<double> &log_e)
     const std::size_t n = log_e.size();
     std::vector<std::size_t> order(n);
     std::iota(order.begin(), order.end(), std::size_t{0});
-    std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return log_e[a] > log_e[b]; });
+    std::stable_sort(order.begin(), order.end(),
+                     [&](std::size_t a, std::size_t b) { return log_e[a] > log_e[b]; });
     std::vector<double> out(n, 1);
     double best = 1;
     for (std::size_t i = n; i-- > 0;) {
-        const double log_p = std::log(static_cast<double>(n)) - std::log(static_cast<double>(i + 1)) - log_e[order[i]];
+        const double log_p = std::log(static_cast<double>(n)) - std::log(static_cast<double>(i + 1))
+                             - log_e[order[i]];
         best = std::min(best, std::exp(std::min(log_p, 0.0)));
         out[order[i]] = best;
     }

@@ -171,7 +171,8 @@ double stick_radius_m(const hdt_arm &arm)
 
 std::string origin_comment(const hdt_arm &arm)
 {
-    return "Made by hdt export from the model file with SHA-256 " + hex(arm.digest, sizeof arm.digest) + ".  Do not edit.";
+    return "Made by hdt export from the model file with SHA-256 " + hex(arm.digest, sizeof arm.digest) +
+           ".  Do not edit.";
 }
 
 // ---- URDF ----

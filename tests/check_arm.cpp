@@ -453,7 +453,9 @@ static std::string mesh_text(const char *back_loss)
     std::string text;
     for (const auto &[name, value] : numbers) {
         const std::string key(name);
-        const char *unit = key.find("stiffness") != std::string::npos ? "N m/rad" : key.find("load") != std::string::npos ? "N m/N m" : "N m";
+        const char *unit = key.find("stiffness") != std::string::npos ? "N m/rad"
+                           : key.find("load") != std::string::npos    ? "N m/N m"
+                                                                      : "N m";
         text += "mesh." + key + " = { value = " + value + ", unit = \"" + unit
                 + "\", side = \"output\", confidence = \"low\", source = \"S\" }\n";
     }
@@ -465,7 +467,8 @@ START_TEST(test_inside_of_the_gear_is_read_whole_and_in_order)
     const std::string base = changed(29, mesh_text("1").c_str()), none = message_of(base);
     ck_assert_str_eq(none.c_str(), "");
     const std::string wrong = message_of(changed(29, mesh_text("4").c_str()));
-    ck_assert_msg(wrong.find("joint.1.mesh.back_loss: expected at most drive_loss = 3, found 4") != std::string::npos,
+    ck_assert_msg(wrong.find("joint.1.mesh.back_loss: expected at most drive_loss = 3, found 4") !=
+                      std::string::npos,
                   "%s", wrong.c_str());
     const hdt_arm arm = hdt::ArmFile::load(pa10_path).arm();
     for (int j = 0; j < arm.joints; j++) {

@@ -236,9 +236,11 @@ START_TEST(test_page_counts)
     const auto holds = [&](const char *what) {
         ck_assert_msg(text.find(what) != std::string::npos, "not on the page: %s", what);
     };
-    holds("| rho 1.00: right name in the printed set | 3 of 4: 75.0 % (19.4 to 99.4) | at least 97.0 % | no |");
+    holds("| rho 1.00: right name in the printed set | 3 of 4: 75.0 % (19.4 to 99.4) | at least 97.0 % | no "
+          "|");
     holds("| rho 1.00: a wrong name | 1 of 4: 25.0 % (0.6 to 80.6) | at most 2.0 % | no |");
-    holds("| nothing hidden: a joint named | 0 of 400: 0.0 % (0.0 to 0.9) | at most 1.0 %, bound 3.0 % | yes |");
+    holds("| nothing hidden: a joint named | 0 of 400: 0.0 % (0.0 to 0.9) | at most 1.0 %, bound 3.0 % | yes "
+          "|");
     holds("| rho 0.50: right name first | no case | at least 88.0 % | no |");
     holds("* inertia@2/1/00: the rig refused");
     holds("| specimen | joint 1 | joint 2 |\n| --- | --- | --- |\n| 1 | 2.00 | 2.00 |");

@@ -454,7 +454,9 @@ START_TEST(test_can_trim_returns_the_telegram_or_refuses)
     for (unsigned up = 0; up < 2; up++) {
         for (unsigned i = 0; i < sizeof types; i++) {
             c.type = s.type = types[i];
-            ck_assert_int_eq(up ? drv_state_encode(DRV_FORMAT_A, &s, &f) : drv_command_encode(DRV_FORMAT_A, &c, &f), 0);
+            ck_assert_int_eq(up ? drv_state_encode(DRV_FORMAT_A, &s, &f)
+                                : drv_command_encode(DRV_FORMAT_A, &c, &f),
+                             0);
             uint8_t wire[80] = {0};
             memcpy(wire, f.data, f.len);
             for (unsigned len = 0; len <= 65; len++) {

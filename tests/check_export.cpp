@@ -655,7 +655,8 @@ START_TEST(test_command_writes_what_the_library_says)
 {
     if (access((build_dir() + "/hdt").c_str(), X_OK) != 0)
         HDT_SKIP("no hdt in this build");
-    const std::string dir = scratch_dir(), err = dir + "/err", pa10 = "model/arms/pa10.toml", out = dir + "/arm";
+    const std::string dir = scratch_dir(), err = dir + "/err", pa10 = "model/arms/pa10.toml";
+    const std::string out = dir + "/arm";
     const hdt_arm arm = hdt::ArmFile::load(pa10).arm();
     ExportOptions armature;
     armature.armature = true;

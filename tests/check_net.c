@@ -196,7 +196,8 @@ START_TEST(test_error_frames_become_the_state_of_the_line)
         for (size_t k = 0; k < sizeof at / sizeof at[0]; k++) {
             raw_send(controller, CAN_ERR_FLAG | at[k].id, 8, at[k].second);
             int e = recv_from(&host, &got);
-            /* where errors have a socket of their own, the carrier, which a vcan never loses, is seen at once */
+            /* where errors have a socket of their own, the carrier, which
+             * a vcan never loses, is seen at once */
             if (at[k].line == HDT_LINE_OFF && kind == 1) {
                 ck_assert_uint_eq(health_of(&host).offs, 1);
                 continue;

@@ -61,7 +61,8 @@ struct Servo {
     Servo() : path(scratch("bus"))
     {
         char err[256];
-        ck_assert_msg(hdt_bus_open(&rig.bus, ("unix:" + path).c_str(), HDT_BUS_SERVO, err, sizeof err) == 0, "%s", err);
+        ck_assert_msg(hdt_bus_open(&rig.bus, ("unix:" + path).c_str(), HDT_BUS_SERVO, err, sizeof err) == 0,
+                      "%s", err);
         ck_assert_int_eq(pthread_create(&thread, nullptr, serve, this), 0);
     }
     ~Servo()
@@ -107,7 +108,9 @@ int expected(Op op, Model &m)
     switch (op) {
     case Create: return go(none, HDT_PLUGIN_CREATED);
     case Load: return go(idle && !m.open, HDT_PLUGIN_LOADED);
-    case LoadBad: return go(idle && !m.open, HDT_PLUGIN_CREATED) == HDT_OK ? HDT_PLUGIN_ERR_IMAGE : HDT_PLUGIN_ERR_STATE;
+    case LoadBad:
+        return go(idle && !m.open, HDT_PLUGIN_CREATED) == HDT_OK ? HDT_PLUGIN_ERR_IMAGE
+                                                                 : HDT_PLUGIN_ERR_STATE;
     case LoadNull: return idle ? int{HDT_ERR_ARG} : int{HDT_PLUGIN_ERR_STATE};
     case Info: return go(loaded || running, m.state);
     case Start: return go(loaded, HDT_PLUGIN_RUNNING);
@@ -151,7 +154,9 @@ struct Arm {
     struct drv_counters count = {};
 
     // a host keeps the pointer that create gave; calls before it go to the same memory
-    Arm() : memory((p->memory_bytes + 7) / 8), arm(reinterpret_cast<struct hdt_plugin_arm *>(memory.data())) {}
+    Arm() : memory((p->memory_bytes + 7) / 8), arm(reinterpret_cast<struct hdt_plugin_arm *>(memory.data()))
+    {
+    }
 
     int call(Op op)
     {
@@ -322,7 +327,8 @@ START_TEST(test_null_and_foreign_memory_are_errors_not_crashes)
     ck_assert_int_eq(p->create(&me, bytes, p->memory_bytes - 1, &arm), HDT_PLUGIN_ERR_MEMORY);
     ck_assert_ptr_null(arm);
     std::vector<uint64_t> larger(size / 8 + 1);
-    ck_assert_int_eq(p->create(&me, reinterpret_cast<uint8_t *>(larger.data()) + 1, size, &arm), HDT_PLUGIN_ERR_MEMORY);
+    ck_assert_int_eq(p->create(&me, reinterpret_cast<uint8_t *>(larger.data()) + 1, size, &arm),
+                     HDT_PLUGIN_ERR_MEMORY);
     std::memset(bytes, 0xa5, size);
     ck_assert_int_eq(p->create(&me, bytes, size, &arm), HDT_PLUGIN_ERR_MEMORY);
     ck_assert_int_eq(p->start(a.arm), HDT_PLUGIN_ERR_STATE);
@@ -345,7 +351,8 @@ START_TEST(test_another_abi_is_refused_and_both_numbers_can_be_read)
         other.abi.minor += way == 1;
         other.in_bytes += way == 2 ? 4 : 0;
         other.out_bytes -= way == 3 ? 4 : 0;
-        ck_assert_int_eq(p->create(&other, a.memory.data(), a.memory.size() * 8, &arm), HDT_PLUGIN_ERR_VERSION);
+        ck_assert_int_eq(p->create(&other, a.memory.data(), a.memory.size() * 8, &arm),
+                         HDT_PLUGIN_ERR_VERSION);
         ck_assert_uint_eq(a.memory[0], 0);
     }
     hdt_plugin_host older = me;

@@ -145,7 +145,8 @@ END_TEST
 struct Bad { const char *bytes, *begins, *has; };
 
 const Bad bad_rows[] = {
-    {"t_s,q1_rad,tau1_nm\n0,1,2\n1,nan,2\n", ":3: column 'q1_rad': expected a finite number, found 'nan'", ""},
+    {"t_s,q1_rad,tau1_nm\n0,1,2\n1,nan,2\n", ":3: column 'q1_rad': expected a finite number, found 'nan'",
+     ""},
     {"t_s,q1_rad,tau1_nm\n0,1,2\n1,1,-inf\n", ":3: column 'tau1_nm'", "'-inf'"},
     {"t_s,q1_rad,tau1_nm\n0,1,1e999\n", ":2: column 'tau1_nm'", "1e999"},
     {"t_s,q1_rad,tau1_nm\n0,1,2\n1,1,\n", ":3: column 'tau1_nm'", "found ''"},
@@ -153,7 +154,8 @@ const Bad bad_rows[] = {
     {"t_s,q1_rad,tau1_nm\n0,1,2\n1,1.5.2,2\n", ":3: column 'q1_rad'", "1.5.2"},
     {"t_s,q1_rad,tau1_nm\n0,1,2\n1,+-1,2\n", ":3: column 'q1_rad'", "+-1"},
     {"t_s,q1_rad,tau1_nm\n0,1,2\n1,1 2,2\n", ":3: column 'q1_rad'", "'1 2'"},
-    {"t_s,q1_rad,tau1_nm\n5,1,2\n4.5,1,2\n", ":3: column 't_s'", "more than 5 s of the row before, found 4.5 s"},
+    {"t_s,q1_rad,tau1_nm\n5,1,2\n4.5,1,2\n", ":3: column 't_s'",
+     "more than 5 s of the row before, found 4.5 s"},
     {"q1_rad,tau1_nm,t_s\n1,2,5\n1,2,5\n", ":3: column 't_s'", "time must advance"},
     {"t_s,q1_rad,tau1_nm\n0,1,2\n1,1\n", ":3: expected 3 fields as in the header, found 2", ""},
     {"t_s,q1_rad,tau1_nm\n0,1,2\n1\n", ":3: expected 3 fields as in the header, found 1", ""},
@@ -194,12 +196,17 @@ const Bad bad_heads[] = {
     {"t_s,q1_rad,,tau1_nm\n0,1,2,3\n", ":1: expected a column name in field 3, found nothing", ""},
     {"t_s,q1_rad,tau2_nm\n0,1,2\n", ":1: expected at least one joint with both", ""},
     {"t_s,foo\n0,1\n", ":1: expected at least one joint with both", "found none"},
-    {"# payload_kg = 2 kg\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: constant 'payload_kg': expected 1 number, found '2 kg'", ""},
+    {"# payload_kg = 2 kg\nt_s,q1_rad,tau1_nm\n0,1,2\n",
+     ":1: constant 'payload_kg': expected 1 number, found '2 kg'", ""},
     {"# payload_kg = nan\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: constant 'payload_kg'", "'nan'"},
-    {"# x = 1\n# payload_com_m = 0 0\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":2: constant 'payload_com_m': expected 3 numbers", ""},
-    {"# payload_com_m = 0 0 0 1\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: constant 'payload_com_m': expected 3 numbers", ""},
-    {"# format = hdt-log\n# version = 2\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":2: log version: this program reads '1', found '2'", ""},
-    {"# format = hdt-arm\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: log format: this program reads 'hdt-log', found 'hdt-arm'", ""},
+    {"# x = 1\n# payload_com_m = 0 0\nt_s,q1_rad,tau1_nm\n0,1,2\n",
+     ":2: constant 'payload_com_m': expected 3 numbers", ""},
+    {"# payload_com_m = 0 0 0 1\nt_s,q1_rad,tau1_nm\n0,1,2\n",
+     ":1: constant 'payload_com_m': expected 3 numbers", ""},
+    {"# format = hdt-log\n# version = 2\nt_s,q1_rad,tau1_nm\n0,1,2\n",
+     ":2: log version: this program reads '1', found '2'", ""},
+    {"# format = hdt-arm\nt_s,q1_rad,tau1_nm\n0,1,2\n",
+     ":1: log format: this program reads 'hdt-log', found 'hdt-arm'", ""},
     {"# x = 1\n# x = 2\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":2: constant 'x' is given twice", ""},
 };
 

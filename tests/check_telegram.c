@@ -86,7 +86,8 @@ static int same_command(const struct drv_command *a, const struct drv_command *b
 static int same_state(const struct drv_state *a, const struct drv_state *b)
 {
     int same = a->seq == b->seq && a->type == b->type && a->axis_no == b->axis_no &&
-               a->address == b->address && a->driver_status == b->driver_status && memcmp(a->word, b->word, sizeof a->word) == 0;
+               a->address == b->address && a->driver_status == b->driver_status &&
+               memcmp(a->word, b->word, sizeof a->word) == 0;
     for (int i = 0; i < DRV_AXES; i++)
         same = same && a->axis[i].status == b->axis[i].status && a->axis[i].count == b->axis[i].count &&
                a->axis[i].speed_dig == b->axis[i].speed_dig && a->axis[i].torque_dig == b->axis[i].torque_dig;
@@ -672,7 +673,8 @@ START_TEST(test_the_format_document_shows_these_bytes)
     struct drv_command start = {.seq = 5, .type = DRV_START};
     uint8_t packet[DRV_ARCNET_HEAD + HDT_FRAME_MAX];
     ck_assert_int_eq(drv_command_encode(DRV_FORMAT_A, &start, &f), DRV_TELEGRAM_OK);
-    ck_assert_ptr_nonnull(at = find_hex(at, packet, drv_arcnet_pack(DRV_NODE_HOST, DRV_NODE_SERVO, &f, packet)));
+    ck_assert_ptr_nonnull(at = find_hex(at, packet,
+                                        drv_arcnet_pack(DRV_NODE_HOST, DRV_NODE_SERVO, &f, packet)));
     ck_assert_ptr_nonnull(find_hex(at, packet, drv_arcnet_pack(DRV_NODE_SERVO, DRV_NODE_HOST, &f, packet)));
 }
 END_TEST

@@ -258,7 +258,8 @@ START_TEST(test_each_effect_is_alone_in_its_term)
                 ck_assert_double_eq_tol(after[j][t], // a spring loads the gear as gravity does
                                         std::fabs(s.dir[1])
                                             * hdt::stiffness_nm(arm.joint[1].stiffness[s.dir[1] < 0],
-                                                                before[j][HDT_TERM_GRAVITY] + after[j][HDT_TERM_SPRING]),
+                                                                before[j][HDT_TERM_GRAVITY]
+                                                                    + after[j][HDT_TERM_SPRING]),
                                         anywhere);
             else
                 ck_assert_double_eq(before[j][t], after[j][t]);

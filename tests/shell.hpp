@@ -27,8 +27,10 @@ struct Result { int code; std::string out, err; };
 // The line's exit code, 128 when a signal ended it, and what it wrote.
 inline Result sh(const std::string &line)
 {
-    const std::string root = std::filesystem::current_path(), bin = root + "/" + build_dir(), dir = scratch_dir();
-    const std::string given = "H=" + bin + "/hdt; A=" + root + "/model/arms/pa10.toml; P=" + bin + "/tests/rt_probe; "
+    const std::string root = std::filesystem::current_path(), bin = root + "/" + build_dir();
+    const std::string dir = scratch_dir();
+    const std::string given = "H=" + bin + "/hdt; A=" + root + "/model/arms/pa10.toml; " +
+                              "P=" + bin + "/tests/rt_probe; " +
                               "SHIM='env LD_PRELOAD=" + bin + "/tests/rt_shim.so'; ";
     const int status = std::system(("cd " + dir + "; " + given + "(" + line + ") >out 2>err").c_str());
     return {WIFEXITED(status) ? WEXITSTATUS(status) : 128, slurp(dir + "/out"), slurp(dir + "/err")};

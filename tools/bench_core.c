@@ -102,7 +102,8 @@ static void prepare(uint32_t terms, int random)
     for (uint32_t j = 0; j < tables.joints; j++) {
         tables.joint[j].terms &= terms;
         if (tables.joint[j].terms != terms && terms == sets[2].terms) {
-            fprintf(stderr, "bench_core: joint %u: terms 0x%x, expected 0x%x\n", j + 1, tables.joint[j].terms, terms);
+            fprintf(stderr, "bench_core: joint %u: terms 0x%x, expected 0x%x\n", j + 1, tables.joint[j].terms,
+                    terms);
             exit(1);
         }
     }
@@ -115,7 +116,8 @@ static void prepare(uint32_t terms, int random)
         for (uint32_t j = 0; j < tables.joints; j++) {
             const double x = 2 * 3.14159265358979 * k / INPUTS + j;
             const double v_max = ldexp(tables.joint[j].v_max_q24, -24);
-            const double q = random ? uniform(&seed, arm.joint[j].q_min_rad, arm.joint[j].q_max_rad) : 0.4 * sin(x);
+            const double q = random ? uniform(&seed, arm.joint[j].q_min_rad, arm.joint[j].q_max_rad)
+                                    : 0.4 * sin(x);
             const double v = random ? uniform(&seed, -v_max, v_max) : 0.5 * cos(x);
             in->q_ref[j].raw = (int32_t)lrint(ldexp(q, 24));
             in->v_ref[j].raw = (int32_t)lrint(ldexp(v, 24));
@@ -191,6 +193,7 @@ int main(int argc, char **argv)
     for (int k = 0; k < 3; k++)
         time_it(sets[k].name, sets[k].terms);
     printf("core: state %zu bytes, tables %zu a joint (%zu for %u), input %zu, output %zu\n", sizeof core,
-           sizeof tables.joint[0], hdt_tables_size(tables.joints), tables.joints, sizeof input[0], sizeof output);
+           sizeof tables.joint[0], hdt_tables_size(tables.joints), tables.joints, sizeof input[0],
+           sizeof output);
     return 0;
 }

@@ -42,7 +42,8 @@ std::string version()
 // Binary and XML of one build have it, no other's.
 std::string token(const hdt_arm &arm)
 {
-    return "hdt-" + version() + "-" + std::to_string(sizeof(plant_model)) + "-" + hdt::hex(arm.digest, sizeof arm.digest);
+    return "hdt-" + version() + "-" + std::to_string(sizeof(plant_model)) + "-" +
+           hdt::hex(arm.digest, sizeof arm.digest);
 }
 
 bool is_plain(const std::string &name)
