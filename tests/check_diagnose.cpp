@@ -180,7 +180,10 @@ START_TEST(test_nothing_hidden_is_nothing_named)
     // expected 0.05 * 24 = 1.2
     ck_assert_int_le(named, 2);
     ck_assert_int_le(events, 1);
-    ck_assert_int_le(refitted, 4);
+    // over 72 seeds of each noise one joint of 720 had its friction refitted, so 0.7 % at most (95 %): two of
+    // these 24 would come once in ninety
+    printf("noise %d: friction refitted in %d of 24 joints\n", _i, refitted);
+    ck_assert_int_le(refitted, 1);
 }
 END_TEST
 
