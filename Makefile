@@ -137,6 +137,7 @@ fuzz-telegram:
 
 guards: $(CTRL)
 	@tools/check-layers
+	@tools/check-lines
 	@tools/check-core-symbols $(CTRL)
 
 ## check-posix: ctrl/ and driver/ with another C library (musl) that shows POSIX and nothing else, and run

@@ -99,7 +99,8 @@ static inline void columns(struct link_motion *k)
 }
 
 /* Motion of the previous link to motion of this one. */
-static inline void next_link(const struct hdt_joint_tab *tab, const struct hdt_motion *m, struct link_motion *k)
+static inline void next_link(const struct hdt_joint_tab *tab, const struct hdt_motion *m,
+                             struct link_motion *k)
 {
     const int64_t v = m->v_ref_q24;
 
@@ -136,7 +137,8 @@ static void skew_moment(const struct hdt_joint_tab *tab, const struct link_motio
 }
 
 /* q20 * q20 -> q16 */
-static inline void link_wrench(const struct hdt_joint_tab *tab, const struct link_motion *k, struct wrench *out)
+static inline void link_wrench(const struct hdt_joint_tab *tab, const struct link_motion *k,
+                               struct wrench *out)
 {
     const int64_t sx = tab->moment_q20[0], sy = tab->moment_q20[1];
     const int64_t xx = tab->second_q20[0], yy = tab->second_q20[3];
@@ -178,7 +180,8 @@ void hdt_chain_inertia(const struct hdt_tables *t, const struct hdt_motion m[], 
     struct vec f = {0, 0, 0}, n = {0, 0, 0}; /* of all links from j on, about the origin of j */
 
     /* the first link only turns about its own axis */
-    struct link_motion k = {{0, 0, m[0].v_ref_q24}, {0, 0, m[0].a_ref_q16 * (int64_t)16}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+    struct link_motion k = {{0, 0, m[0].v_ref_q24}, {0, 0, m[0].a_ref_q16 * (int64_t)16},
+                            {0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
     columns(&k);
 
     /* motion out to the links */

@@ -109,7 +109,8 @@ static inline int64_t hdt_comp_windup(const struct hdt_stiffness_tab *s, int32_t
 
 /* |dir| * line(load), one of three lines by load, a set for each direction [ibid., Table V].
  * Overflow: hdt_tables_check bounds every line at every load there can be. */
-static inline int32_t hdt_comp_stiffness(const struct hdt_joint_tab *j, const struct hdt_motion *m, int32_t load_q16)
+static inline int32_t hdt_comp_stiffness(const struct hdt_joint_tab *j, const struct hdt_motion *m,
+                                         int32_t load_q16)
 {
     const int32_t share_q30 = m->dir_q30 < 0 ? -m->dir_q30 : m->dir_q30;
     return (int32_t)hdt_shr(hdt_comp_windup(&j->stiffness[m->dir_q30 < 0], load_q16) * share_q30, 30);

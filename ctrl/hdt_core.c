@@ -159,7 +159,8 @@ static int32_t pass_windup(hdt_t *h, uint32_t j, int32_t v_ref_q24, uint32_t per
 }
 
 /* Observed velocity, and the uses the tables give it. */
-static void observe(hdt_t *h, const struct hdt_in *in, uint32_t j, uint32_t period_q32, struct hdt_motion *k, struct hdt_out *out)
+static void observe(hdt_t *h, const struct hdt_in *in, uint32_t j, uint32_t period_q32,
+                    struct hdt_motion *k, struct hdt_out *out)
 {
     const struct hdt_tables *t = h->tables;
     const struct hdt_joint_tab *tab = &t->joint[j];
@@ -198,7 +199,8 @@ static void expect(hdt_t *h, const struct hdt_in *in, const struct hdt_motion m[
         } else if (driven && in->mode == HDT_MODE_TORQUE) {
             /* torque not spoken for by the model; q24 -> q16, below 2^38; q16 * q20 -> q16 */
             const int64_t used_q16 = hdt_shr((int64_t)h->gate.digit[j] * tab->nm_per_digit_q24, 8);
-            const int64_t rest_q16 = used_q16 - out->total[j].raw + out->term[HDT_TERM_P][j].raw + out->term[HDT_TERM_D][j].raw;
+            const int64_t rest_q16 = used_q16 - out->total[j].raw
+                                     + out->term[HDT_TERM_P][j].raw + out->term[HDT_TERM_D][j].raw;
             a_q16 = hdt_shr(hdt_sat(rest_q16) * (int64_t)tab->inertia_inv_q20, 20);
             a_q16 += tab->terms & USE(HDT_TERM_INERTIA) ? m[j].a_ref_q16 : 0;
         }
@@ -225,7 +227,8 @@ static void measure(hdt_t *h, const struct hdt_in *in, struct hdt_motion m[], st
         k->a_ref_q16 = (int32_t)hdt_within(in->a_ref[j].raw, tab->a_lim_q16);
         k->v_fric_q24 = k->v_ref_q24;
         k->dir_q30 = hdt_comp_direction_q30(tab, k->v_ref_q24);
-        k->travel_q40 = tab->terms & USE(HDT_TERM_PRESLIDING) ? pass_travel(h, j, k->v_ref_q24, period_q32) : 0;
+        k->travel_q40 = tab->terms & USE(HDT_TERM_PRESLIDING) ?
+                        pass_travel(h, j, k->v_ref_q24, period_q32) : 0;
         k->wound_q30 = tab->windup_inv_q8 != 0 ? pass_windup(h, j, k->v_ref_q24, period_q32) : 0;
         k->cold_q30 = tab->terms & USE(HDT_TERM_TEMPERATURE) ? cold_share(h, j) : 0;
         if (h->terms & NEED_ANGLES) {
@@ -279,7 +282,8 @@ static inline void joint_terms(const struct hdt_joint_tab *tab, const struct hdt
     TERM(HDT_TERM_INERTIA, hdt_sat(inertia + hdt_shr((int64_t)tab->rotor_q20 * m->a_ref_q16, 20)));
     TERM(HDT_TERM_FRICTION, hdt_comp_friction(tab, m));
     TERM(HDT_TERM_RIPPLE, hdt_comp_ripple(tab, m));
-    TERM(HDT_TERM_STIFFNESS, tab->windup_inv_q8 != 0 ? hdt_comp_hysteresis(tab, m, load) : hdt_comp_stiffness(tab, m, load));
+    TERM(HDT_TERM_STIFFNESS, tab->windup_inv_q8 != 0 ? hdt_comp_hysteresis(tab, m, load) :
+                                                       hdt_comp_stiffness(tab, m, load));
     TERM(HDT_TERM_P, hdt_comp_p(tab, m));
     TERM(HDT_TERM_D, hdt_comp_d(tab, m));
     if (has & EFFECTS)

@@ -119,8 +119,8 @@ struct hdt_joint_tab {
     int32_t friction_q16[2][HDT_FRICTION_KNOTS]; /* N.m magnitude along motion, by direction  */
     int16_t ripple_q8[HDT_RIPPLE_KNOTS];         /* N.m by wave-generator phase               */
     struct hdt_stiffness_tab stiffness[2];
-    int32_t windup_inv_q8;       /* 1/rad  wind-up passes from one direction's torque to the other's over twice
-                                  * this travel, and stays at rest; 0: with the direction         */
+    int32_t windup_inv_q8;       /* 1/rad  wind-up passes from one direction's torque to the other's over
+                                  * twice this travel, and stays at rest; 0: with the direction   */
     uint32_t lines;              /* number used */
     struct hdt_line_tab line[HDT_LINES_MAX];
     int32_t load_mu_q24;         /* N.m/N.m */

@@ -74,7 +74,8 @@ static inline int32_t hdt_vel_filter(struct hdt_vel *s, const int32_t biquad_q28
  * Overflow: e is clamped to +-0.25 rad (q32, 2^30), q^ to +-256 rad (the angle of counts ends at 128), v^ to
  * +-128 rad/s, a + d^ to +-4096 rad/s^2; gains are at most 2^30, the period 2^32 (q32 of a second), so
  * products stay below 2^62. */
-static inline int32_t hdt_vel_observe(struct hdt_obs *s, const int32_t gain[3], int64_t q_q40, int fresh, uint32_t period_q32)
+static inline int32_t hdt_vel_observe(struct hdt_obs *s, const int32_t gain[3], int64_t q_q40, int fresh,
+                                      uint32_t period_q32)
 {
     const int64_t quarter = (int64_t)1 << 30, q_max = (int64_t)1 << 48;
     const int64_t v_max = ((int64_t)1 << 47) - 1, a_max = (int64_t)1 << 28;

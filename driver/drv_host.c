@@ -89,13 +89,16 @@ static int approaching(const struct drv_host *h)
 static void pace(struct drv_host *h, uint64_t dt_us)
 {
     double change = (double)dt_us * 1e-6 / h->cfg.hold_s;
-    uint64_t step = change < 1.0 ? (uint64_t)(change * (double)ONE_Q32) : ONE_Q32, left = ONE_Q32 - h->rate_q32;
+    uint64_t step = change < 1.0 ? (uint64_t)(change * (double)ONE_Q32) : ONE_Q32;
+    uint64_t left = ONE_Q32 - h->rate_q32;
     uint64_t before = h->rate_q32;
     if (h->phase == DRV_HOST_HOLD)
         h->rate_q32 -= step < h->rate_q32 ? step : h->rate_q32;
     else
         h->rate_q32 += step < left ? step : left;
-    h->rate_slope = dt_us == 0 ? 0.0 : ((double)h->rate_q32 - (double)before) / (double)ONE_Q32 / ((double)dt_us * 1e-6);
+    h->rate_slope = dt_us == 0
+                        ? 0.0
+                        : ((double)h->rate_q32 - (double)before) / (double)ONE_Q32 / ((double)dt_us * 1e-6);
     if (approaching(h))
         h->approached_us += (double)dt_us * ((double)h->rate_q32 / (double)ONE_Q32);
 }
@@ -185,7 +188,8 @@ static void clear(struct drv_host *h)
 /* What was asked for since the last period. */
 static void obey(struct drv_host *h)
 {
-    enum drv_host_request ask = (enum drv_host_request)__atomic_exchange_n(&h->request, DRV_HOST_ASK_NOTHING, __ATOMIC_ACQ_REL);
+    enum drv_host_request ask = (enum drv_host_request)__atomic_exchange_n(&h->request, DRV_HOST_ASK_NOTHING,
+                                                                           __ATOMIC_ACQ_REL);
     enum drv_host_phase before = h->phase;
     switch (ask) {
     case DRV_HOST_ASK_GO:
@@ -316,7 +320,8 @@ void drv_host_ask(struct drv_host *h, enum drv_host_request ask)
     do {
         if (now >= DRV_HOST_ASK_STOP)
             return;
-    } while (!__atomic_compare_exchange_n(&h->request, &now, (int)ask, 0, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE));
+    } while (!__atomic_compare_exchange_n(&h->request, &now, (int)ask, 0, __ATOMIC_ACQ_REL,
+                                          __ATOMIC_ACQUIRE));
 }
 
 void drv_host_stop(struct drv_host *h)

@@ -56,12 +56,13 @@ static void add_alarms(struct text *t, const struct drv_host_fault *f)
 }
 
 /* One fault bit with the joint, the value and the limit it passed. */
-static void add_fault(struct text *t, const struct drv_host_fault *f, uint32_t bit, const struct hdt_tables *tab)
+static void add_fault(struct text *t, const struct drv_host_fault *f, uint32_t bit,
+                      const struct hdt_tables *tab)
 {
     add(t, " %s", hdt_fault_str(bit));
     if (bit == HDT_FAULT_STALE)
-        add(t, ": no state from the servo for more than %lu periods of %.3f ms", (unsigned long)tab->stale_periods,
-            tab->period_ns * 1e-6);
+        add(t, ": no state from the servo for more than %lu periods of %.3f ms",
+            (unsigned long)tab->stale_periods, tab->period_ns * 1e-6);
     if (bit == HDT_FAULT_SERVO)
         add_alarms(t, f);
     for (unsigned j = 0; j < tab->joints; j++) {
@@ -95,7 +96,8 @@ static const char *late(enum drv_host_request ask)
 
 static void add_brakes(struct text *t, const struct drv_host_status *s)
 {
-    add(t, s->end_confirmed ? " brakes on" : " the servo did not confirm the end: make sure that its brakes are on");
+    add(t, s->end_confirmed ? " brakes on"
+                            : " the servo did not confirm the end: make sure that its brakes are on");
 }
 
 void drv_host_say(const struct drv_host_status *s, const struct hdt_tables *tab, char *line, size_t len)
@@ -127,8 +129,8 @@ void drv_host_say(const struct drv_host_status *s, const struct hdt_tables *tab,
         if (s->sample >= s->samples)
             add(&t, " standing at the end of the reference, held by torque");
         else
-            add(&t, " standing at sample %u of %u, held by torque; %s; go resumes, stop ends", s->sample, s->samples,
-                late(s->asked));
+            add(&t, " standing at sample %u of %u, held by torque; %s; go resumes, stop ends", s->sample,
+                s->samples, late(s->asked));
         break;
     case DRV_HOST_FAULT:
         add_faults(&t, s, tab);
@@ -148,11 +150,14 @@ void drv_host_say(const struct drv_host_status *s, const struct hdt_tables *tab,
         break;
     case DRV_HOST_SILENT:
         if (s->count.received > 0 || s->count.bad_frames > 0)
-            add(&t, " the servo never sent a state: %s, %llu frames that are no telegram of this format came; does it speak "
-                    "the other format (--format)?", s->count.received > 0 ? "'S' was answered, 'C' was not" : "'S' was not answered",
+            add(&t,
+                " the servo never sent a state: %s, %llu frames that are no telegram of this format came; "
+                "does it speak the other format (--format)?",
+                s->count.received > 0 ? "'S' was answered, 'C' was not" : "'S' was not answered",
                 (unsigned long long)s->count.bad_frames);
         else
-            add(&t, " the servo never answered: expected a state telegram soon after 'S'; is it running on this bus?");
+            add(&t, " the servo never answered: expected a state telegram soon after 'S'; is it running on "
+                    "this bus?");
         break;
     }
 }

@@ -171,7 +171,8 @@ static void walk_out(struct walk *w, struct hdt_out *out, unsigned n, uint32_t t
         walk_s32(w, &out->total[j].raw);
 }
 
-static void walk_record(struct walk *w, struct drv_record *rec, uint32_t *version, uint32_t joints, uint32_t terms)
+static void walk_record(struct walk *w, struct drv_record *rec, uint32_t *version, uint32_t joints,
+                        uint32_t terms)
 {
     uint32_t has_joints = joints, has_terms = terms;
     walk_u32(w, version);
@@ -232,7 +233,8 @@ int drv_lcm_get_run(const uint8_t *buf, size_t len, struct drv_run *run)
     return w.bad || w.pos != len ? DRV_LCM_DAMAGED : DRV_LCM_OK;
 }
 
-int drv_lcm_get_record(const uint8_t *buf, size_t len, unsigned joints, uint32_t terms, struct drv_record *rec)
+int drv_lcm_get_record(const uint8_t *buf, size_t len, unsigned joints, uint32_t terms,
+                       struct drv_record *rec)
 {
     struct walk w = {.p = (uint8_t *)(uintptr_t)buf, .cap = len, .reading = 1};
     uint64_t print = 0;

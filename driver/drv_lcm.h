@@ -59,7 +59,8 @@ enum drv_lcm_err {
 /* Errors: enum drv_lcm_err; the output is then not to be used. */
 int drv_lcm_get_run(const uint8_t *buf, size_t len, struct drv_run *run);
 /* joints and terms as the run says; terms the log does not have are zero. */
-int drv_lcm_get_record(const uint8_t *buf, size_t len, unsigned joints, uint32_t terms, struct drv_record *rec);
+int drv_lcm_get_record(const uint8_t *buf, size_t len, unsigned joints, uint32_t terms,
+                       struct drv_record *rec);
 
 /* Logs that ran with tables of layout 1 have this many terms: neither local nor table. */
 #define DRV_LCM_TERMS_LAYOUT_1 13

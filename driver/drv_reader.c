@@ -135,9 +135,10 @@ static int read_run(struct drv_reader *r)
         return fail(r, "the run's head is damaged");
     }
     if (!drv_lcm_terms_known(r->run.terms)) {
-        (void)snprintf(line, sizeof line, "the log has %lu torque terms, this program reads logs of %d, and of %d: "
-                       "convert it with the program that wrote it", (unsigned long)r->run.terms, (int)HDT_TERMS,
-                       DRV_LCM_TERMS_LAYOUT_1);
+        (void)snprintf(line, sizeof line,
+                       "the log has %lu torque terms, this program reads logs of %d, and of %d: "
+                       "convert it with the program that wrote it",
+                       (unsigned long)r->run.terms, (int)HDT_TERMS, DRV_LCM_TERMS_LAYOUT_1);
         return fail(r, line);
     }
     r->offset = r->next;

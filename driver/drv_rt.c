@@ -71,11 +71,12 @@ static void post(struct drv_rt *rt, const struct drv_host *host)
     __atomic_store_n(&box->head, head + 1u, __ATOMIC_RELEASE);
 }
 
-int drv_rt_init(struct drv_rt *rt, const struct drv_rt_cfg *cfg, const struct hdt_clock *clock, uint32_t period_ns,
-                struct drv_rt_mailbox *box, unsigned mail_every)
+int drv_rt_init(struct drv_rt *rt, const struct drv_rt_cfg *cfg, const struct hdt_clock *clock,
+                uint32_t period_ns, struct drv_rt_mailbox *box, unsigned mail_every)
 {
-    if (rt == NULL || cfg == NULL || clock == NULL || clock->now_ns == NULL || clock->sleep_until_ns == NULL ||
-        period_ns == 0 || cfg->follow_lead_ns >= period_ns || (box != NULL && mail_every == 0))
+    if (rt == NULL || cfg == NULL || clock == NULL || clock->now_ns == NULL ||
+        clock->sleep_until_ns == NULL || period_ns == 0 || cfg->follow_lead_ns >= period_ns ||
+        (box != NULL && mail_every == 0))
         return HDT_ERR_ARG;
     memset(rt, 0, sizeof *rt);
     rt->cfg = *cfg;
@@ -95,7 +96,8 @@ static uint64_t listen_until(struct drv_rt *rt, const struct hdt_bus *bus, uint6
         return rt->heard_ns(rt->heard_ctx, t_ns);
     if (fd < 0 || fd >= FD_SETSIZE || now >= t_ns)
         return 0;
-    struct timespec left = {.tv_sec = (time_t)((t_ns - now) / SECOND_NS), .tv_nsec = (long)((t_ns - now) % SECOND_NS)};
+    struct timespec left = {.tv_sec = (time_t)((t_ns - now) / SECOND_NS),
+                            .tv_nsec = (long)((t_ns - now) % SECOND_NS)};
     fd_set set;
     FD_ZERO(&set);
     FD_SET(fd, &set);

@@ -89,8 +89,8 @@ struct drv_rt {
 
 /* Errors: HDT_ERR_ARG.  box gets a snapshot every mail_every periods, and one at the end.
  * Context: start-up. */
-int drv_rt_init(struct drv_rt *rt, const struct drv_rt_cfg *cfg, const struct hdt_clock *clock, uint32_t period_ns,
-                struct drv_rt_mailbox *box, unsigned mail_every);
+int drv_rt_init(struct drv_rt *rt, const struct drv_rt_cfg *cfg, const struct hdt_clock *clock,
+                uint32_t period_ns, struct drv_rt_mailbox *box, unsigned mail_every);
 
 /* Periods of this host until it is over.  Errors: -errno of the clock (never -EINTR): the host is
  * then ended in the same way.  Context: control thread. */

@@ -31,7 +31,8 @@ static void refuse(char *line, size_t len, const char *what, int e, const char *
 {
     size_t used = strlen(line);
     if (used < len)
-        (void)snprintf(line + used, len - used, "%s%s (%s): %s", used != 0 ? "; " : "", what, strerror(e), remedy);
+        (void)snprintf(line + used, len - used, "%s%s (%s): %s", used != 0 ? "; " : "", what, strerror(e),
+                       remedy);
 }
 
 int drv_rt_enter(const struct drv_rt_wish *wish, char *line, size_t len)
@@ -57,7 +58,8 @@ int drv_rt_enter(const struct drv_rt_wish *wish, char *line, size_t len)
         p.sched_priority = wish->priority;
         e = pthread_setschedparam(pthread_self(), SCHED_FIFO, &p);
         if (e != 0) {
-            refuse(line, len, "no real-time priority", e, "run as root or raise the rtprio limit (ulimit -r 99)");
+            refuse(line, len, "no real-time priority", e,
+                   "run as root or raise the rtprio limit (ulimit -r 99)");
             refused++;
         }
     }

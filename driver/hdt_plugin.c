@@ -114,7 +114,8 @@ static void explain_image(int e, const struct hdt_tables *t, size_t bytes, char 
                    (unsigned long)bytes, hdt_tables_strerror(e), *where ? ": " : "", where, at);
 }
 
-static int plugin_load(struct hdt_plugin_arm *arm, const uint8_t *image, size_t bytes, char *err, size_t errlen)
+static int plugin_load(struct hdt_plugin_arm *arm, const uint8_t *image, size_t bytes, char *err,
+                       size_t errlen)
 {
     int e = enter(arm, IN(CREATED) | IN(LOADED));
     if (e != HDT_OK)

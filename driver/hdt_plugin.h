@@ -101,7 +101,8 @@ struct hdt_plugin {
      * where it is until destroy, which leaves it zeroed.
      * Errors: HDT_ERR_ARG, _VERSION (compare p->abi, in_bytes, out_bytes with the host's), _MEMORY,
      * _STATE (there is an arm in it); *arm is then NULL. */
-    int (*create)(const struct hdt_plugin_host *host, void *memory, size_t bytes, struct hdt_plugin_arm **arm);
+    int (*create)(const struct hdt_plugin_host *host, void *memory, size_t bytes,
+                  struct hdt_plugin_arm **arm);
 
     /* [main] Check and copy a .hdtm image (`hdt gen`).  Tables loaded before are replaced.
      * Errors: HDT_ERR_ARG, _IMAGE, _STATE, also while a bus is open, _BUSY; one line in err (may be
@@ -156,8 +157,8 @@ struct hdt_plugin_bus {
      * drv_cycle_set_format has it, NULL with Format A.
      * Errors: HDT_ERR_ARG (also: more joints than a telegram has axes), _STATE (not LOADED, or a bus
      * is open), _BUSY, _BUS, with one line in err (may be NULL). */
-    int (*open)(struct hdt_plugin_arm *arm, const char *name, enum drv_format format, const uint16_t *rated_mnm,
-                char *err, size_t errlen);
+    int (*open)(struct hdt_plugin_arm *arm, const char *name, enum drv_format format,
+                const uint16_t *rated_mnm, char *err, size_t errlen);
 
     /* [rt] drv_cycle_period: receive, step, send.
      * Errors: those of drv_cycle_period, _STATE (not RUNNING, or no bus), _BUSY; *out (if given) is

@@ -158,8 +158,8 @@ struct Writer {
 };
 
 // The joint's one table; false when it has one already.
-bool write_table(const Writer &out, const std::string &axis, const char *unit, double from, double to, bool directed,
-                 const std::function<double(double)> &torque_nm, double sigma_nm)
+bool write_table(const Writer &out, const std::string &axis, const char *unit, double from, double to,
+                 bool directed, const std::function<double(double)> &torque_nm, double sigma_nm)
 {
     const std::string at = out.joint + ".table.";
     if (out.file->has(at + "torque"))
@@ -181,7 +181,8 @@ bool write_table(const Writer &out, const std::string &axis, const char *unit, d
 }
 
 // One effect of a joint; false when the model has no term for it.
-bool write_effect(const Writer &out, const std::string &id, std::vector<EffectParameter> p, double v_max_radps)
+bool write_effect(const Writer &out, const std::string &id, std::vector<EffectParameter> p,
+                  double v_max_radps)
 {
     const int i = out.existing(id);
     if (id == "torque_gain") {
@@ -218,7 +219,8 @@ bool write_effect(const Writer &out, const std::string &id, std::vector<EffectPa
         out.append(id, {{"torque", p[0]}, {"at", p[1]}, {"width", p[2]}});
     } else if (id == "viscous_nonlinear") {
         const auto curve = [&](double v) { return p[0].value * v * v + p[1].value * v * v * v; };
-        return write_table(out, "over_speed", "rad/s", 0, v_max_radps, true, curve, p[0].sigma * v_max_radps * v_max_radps);
+        return write_table(out, "over_speed", "rad/s", 0, v_max_radps, true, curve,
+                           p[0].sigma * v_max_radps * v_max_radps);
     } else if (id == "stribeck_shape") {
         const auto curve = [&](double v) { return p[0].value * std::exp(-v / p[1].value); };
         return write_table(out, "over_speed", "rad/s", 0, v_max_radps, true, curve, p[0].sigma);
@@ -248,7 +250,8 @@ void write_friction(const Writer &out, const hdt_arm_joint &aj, const VectorXd &
     const char *const way[] = {"positive", "negative"};
     for (int d = 0; d < 2; ++d) {
         const std::string at = out.joint + ".friction." + way[d] + ".";
-        const double f0 = aj.has_friction ? aj.friction[d].f0_nm : 0, fv = aj.has_friction ? aj.friction[d].fv_nmspr : 0;
+        const double f0 = aj.has_friction ? aj.friction[d].f0_nm : 0;
+        const double fv = aj.has_friction ? aj.friction[d].fv_nmspr : 0;
         out.file->set(at + "f0", Writer::quantity({"f0", "N m", std::max(0.0, f0 + change[d]), sigma[d]}));
         out.file->set(at + "fv", Writer::quantity({"fv", "N m s/rad", fv + change[2 + d], sigma[2 + d]}));
         if (!aj.has_friction) {
@@ -325,7 +328,8 @@ std::vector<EffectParameter> effect_parameters(const hdt_arm &arm, const JointWo
                 f.at.x > 0.5 ? EffectParameter{"share", "1", th[0], sd(cov, 0)}
                              : EffectParameter{"inertia_kgm2", "kg m^2", th[0], sd(cov, 0)}};
     if (id == "link_mass")
-        return {{"first_moment_x_kgm", "kg m", th[0], sd(cov, 0)}, {"first_moment_y_kgm", "kg m", th[1], sd(cov, 1)}};
+        return {{"first_moment_x_kgm", "kg m", th[0], sd(cov, 0)},
+                {"first_moment_y_kgm", "kg m", th[1], sd(cov, 1)}};
     std::vector<EffectParameter> out;
     for (Eigen::Index i = 0; i < std::min<Eigen::Index>(th.size(), 4); ++i)
         out.push_back({kGeneric[i], "N m per column", th[i], sd(cov, i)});
@@ -370,15 +374,24 @@ std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &
             friction[1] += c.value;
         }
     }
-    const std::string words = refused.empty() ? "" : "the model file has no term for " + refused + "; it is not adopted";
+    const std::string words = refused.empty()
+                                  ? ""
+                                  : "the model file has no term for " + refused + "; it is not adopted";
     // friction fitted beside what the file cannot hold is right only beside it
     if (refused.empty() && !(friction.isZero() && arm.joint[w.joint].has_friction))
         adopt_friction(file, w, friction, scale * e.friction_sigma);
     return words;
 }
 
-std::string adopt_axis(ArmFile *file, const JointWork &w, const Found &axis, const VectorXd &theta)
+VectorXd axis_curve_nm(const JointWork &w, const JointEstimate &e, const VectorXd &theta)
 {
+    return gain_scale(w, e) * theta;
+}
+
+std::string adopt_axis(ArmFile *file, const JointWork &w, const JointEstimate &e, const Found &axis,
+                       const VectorXd &theta)
+{
+    const VectorXd at_knots_nm = axis_curve_nm(w, e, theta);
     const Writer out{file, "joint." + std::to_string(w.joint + 1)};
     const std::string &name = axis.family.axis;
     const std::size_t comma = name.find(',');
@@ -388,12 +401,14 @@ std::string adopt_axis(ArmFile *file, const JointWork &w, const Found &axis, con
         const double step = knots[1] - knots[0], last = static_cast<double>(knots.size() - 1);
         const double at = std::clamp((x - knots[0]) / step, 0.0, last);
         const auto k = static_cast<Eigen::Index>(std::min(at, last - 1));
-        return theta[k] + (theta[k + 1] - theta[k]) * (at - static_cast<double>(k));
+        return at_knots_nm[k] + (at_knots_nm[k + 1] - at_knots_nm[k]) * (at - static_cast<double>(k));
     };
     cite(file);
     const bool known = over == own || over == "load";
-    if (known && write_table(out, over == own ? "over_position" : "over_load", over == own ? "rad" : "N m", knots.front(),
-                             knots.back(), comma != std::string::npos, curve, w.floor_nm))
+    if (known
+        && write_table(out, over == own ? "over_position" : "over_load", over == own ? "rad" : "N m",
+                       knots.front(), knots.back(), comma != std::string::npos, curve,
+                       gain_scale(w, e) * w.floor_nm))
         return "";
     return "the model file has no table over " + name + (known ? " free" : "") + "; it is not adopted";
 }
@@ -402,7 +417,8 @@ void adopt_friction(ArmFile *file, const JointWork &w, const VectorXd &change, c
 {
     const double v_max = fastest_radps(w);
     cite(file);
-    write_friction({file, "joint." + std::to_string(w.joint + 1)}, file->arm().joint[w.joint], change, sigma, v_max);
+    write_friction({file, "joint." + std::to_string(w.joint + 1)}, file->arm().joint[w.joint], change, sigma,
+                   v_max);
 }
 
 namespace {

@@ -32,12 +32,19 @@ std::vector<EffectParameter> effect_parameters(const hdt_arm &arm, const JointWo
 // All found effects of a joint, with the friction fitted beside them.  Returns what could not be
 // written, in words; empty when all was.  Chain effects are left to adopt_chain.
 std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &e);
-// A curve over an axis no name fits, as the joint's one table; words as above, also where the core has no such axis.
-std::string adopt_axis(ArmFile *file, const JointWork &w, const Found &axis, const Eigen::VectorXd &theta);
-// Coulomb and viscous friction on top of the declared one, as nuisance_columns, and nothing else.
-void adopt_friction(ArmFile *file, const JointWork &w, const Eigen::VectorXd &change, const Eigen::VectorXd &sigma);
-// What concerns the whole arm: a payload's mass and first moment on top of the declared one, gravity as it lies in
-// the tilted base's frame, a link's mass and inertia.  Words as above.
+// A curve over an axis no name fits, N.m at the axis' knots: theta
+// is what was fitted beside the effects found.
+Eigen::VectorXd axis_curve_nm(const JointWork &w, const JointEstimate &e, const Eigen::VectorXd &theta);
+// That curve as the joint's one table; words as above, also where the core has no such axis.
+std::string adopt_axis(ArmFile *file, const JointWork &w, const JointEstimate &e, const Found &axis,
+                       const Eigen::VectorXd &theta);
+// Coulomb and viscous friction on top of the declared one, as nuisance_columns, and nothing
+// else.  Taken as it is: what was fitted beside a gain goes through adopt_joint, what is
+// refitted alone has no gain found beside it.
+void adopt_friction(ArmFile *file, const JointWork &w, const Eigen::VectorXd &change,
+                    const Eigen::VectorXd &sigma);
+// What concerns the whole arm: a payload's mass and first moment on top of the declared one, gravity as it
+// lies in the tilted base's frame, a link's mass and inertia.  Words as above.
 std::string adopt_chain(ArmFile *file, const Found &effect);
 
 } // namespace hdt

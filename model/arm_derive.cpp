@@ -396,7 +396,8 @@ void read_effects(const Reader &r, const std::string &joint, hdt_arm_joint *out)
         const EffectSpec &spec = find_effect(r, at + "id");
         check_effect_keys(r, at, spec);
         const std::string id(spec.id);
-        if (id != "order_line" && id != "local_friction" && std::find(seen.begin(), seen.end(), id) != seen.end())
+        if (id != "order_line" && id != "local_friction"
+            && std::find(seen.begin(), seen.end(), id) != seen.end())
             r.d.fail(at + "id", "expected one " + id + " a joint, found a second");
         seen.push_back(id);
         read_effect(r, at, id, out);

@@ -23,7 +23,8 @@ constexpr double kHighestOrder = 600, kMotorOrders = 20;
 constexpr double kLoose = 5;
 constexpr double kStrongPower = 40;  // mean over runs; 2 is noise
 constexpr double kTie_nats = 5, kTieShare = 0.995, kAdequate = 0.9;
-constexpr double kSideband_rad = 0.05; // ripple read at an angle off by this has lines as far beside its own, times its order
+// ripple read at an angle off by this has lines as far beside its own, times its order
+constexpr double kSideband_rad = 0.05;
 constexpr double kSetShare = 0.9;    // of the best one's evidence: printed as what it may be too
 
 RunSet all_runs(std::size_t n) { return RunSet(n, 1); }
@@ -71,8 +72,8 @@ Gram without(const Gram &g, Index first, Index count)
     for (auto *list : {&out.weighted, &out.plain})
         for (MatrixXd &m : *list) {
             MatrixXd less(n - count, n - count);
-            less << m.topLeftCorner(first, first), m.topRightCorner(first, rest), m.bottomLeftCorner(rest, first),
-                m.bottomRightCorner(rest, rest);
+            less << m.topLeftCorner(first, first), m.topRightCorner(first, rest),
+                m.bottomLeftCorner(rest, first), m.bottomRightCorner(rest, rest);
             m = std::move(less);
         }
     return out;
@@ -81,14 +82,16 @@ Gram without(const Gram &g, Index first, Index count)
 } // namespace
 
 // What the model file has no term for has to show more to be worth a name, and most of all what healthy
-// joints show some of: friction bent a little otherwise over speed than its curve, a hum, curves over some axis.
+// joints show some of: friction bent a little otherwise over speed
+// than its curve, a hum, curves over some axis.
 double gate_factor(const Family &f, const Gates &gates)
 {
     const bool healthy = f.id == "viscous_nonlinear" || f.own_phase || f.twin || !f.named();
     return f.adoptable() ? 1 : healthy ? gates.healthy_share : gates.loose_share;
 }
 
-JointWork::JointWork(const hdt_arm &arm, int j, std::vector<BlockRows> fit_rows, std::vector<BlockRows> test_rows)
+JointWork::JointWork(const hdt_arm &arm, int j, std::vector<BlockRows> fit_rows,
+                     std::vector<BlockRows> test_rows)
     : joint(j), fit(std::move(fit_rows)), test(std::move(test_rows)), arm_joint_(arm.joint[j]),
       min_rms_nm_(0.0005 * arm.joint[j].ratio) // half a digit of motor torque: rounding would lose less
 {
@@ -166,8 +169,9 @@ std::vector<MatrixXd> JointWork::rich_columns() const
         for (const Family &f : families) {
             // other joints' angles reach this one through the payload's columns
             const bool own = f.axis.empty() || f.axis[0] != 'q' || std::atoi(f.axis.c_str() + 1) == joint + 1;
-            const bool smooth = (!f.named() && own) || f.id == "payload" || f.id == "inertia" || f.id == "torque_gain"
-                                || f.id == "base_tilt" || f.id == "viscous_nonlinear" || f.id == "load_friction";
+            const bool smooth = (!f.named() && own) || f.id == "payload" || f.id == "inertia"
+                                || f.id == "torque_gain" || f.id == "base_tilt" || f.id == "viscous_nonlinear"
+                                || f.id == "load_friction";
             if (!smooth)
                 continue;
             parts.push_back(f.columns(b, f.grid.back()));
@@ -222,7 +226,8 @@ NoiseModel white_noise(double sigma_nm)
 }
 
 // Frequencies that stand out of a plain residual so far that they would pass for coloured noise.
-std::vector<double> plain_frequencies(const BlockNumbers &blocks, std::vector<VectorXd> residual, double block_s)
+std::vector<double> plain_frequencies(const BlockNumbers &blocks, std::vector<VectorXd> residual,
+                                      double block_s)
 {
     double sum = 1e-12, rows = 1e-12;
     for (const VectorXd &e : residual) {
@@ -231,7 +236,8 @@ std::vector<double> plain_frequencies(const BlockNumbers &blocks, std::vector<Ve
     }
     for (VectorXd &e : residual)
         e *= rows / sum;
-    const TimeScan scan = scan_times(blocks, residual, white_noise(std::sqrt(sum / rows)), time_grid(blocks, block_s));
+    const TimeScan scan = scan_times(blocks, residual, white_noise(std::sqrt(sum / rows)),
+                                     time_grid(blocks, block_s));
     std::vector<double> out;
     for (std::size_t k : time_peaks(scan, 2)) {
         double power = 0;
@@ -246,7 +252,8 @@ std::vector<double> plain_frequencies(const BlockNumbers &blocks, std::vector<Ve
 } // namespace
 
 // The strongest lines of an ordinary least-squares residual.
-std::vector<LineHit> JointWork::plain_lines(const std::vector<VectorXd> &residual, const OrderGrid &grid) const
+std::vector<LineHit> JointWork::plain_lines(const std::vector<VectorXd> &residual,
+                                            const OrderGrid &grid) const
 {
     return scan_peaks(scan_orders(scan_rows(fit), residual, white_noise(1), grid), kPlainPeaks);
 }
@@ -292,8 +299,8 @@ void JointWork::weigh(std::size_t index, const std::vector<RunSet> &splits)
         s.log_e = log_mean_exp(log_e, f.grid_count);
         s.gain = leave_one_run_out({&kept})[0];
         if (f.twin) {
-            // beside its bounded twin the contribution would read as nothing, and what the twin takes over beyond
-            // its bounds as explained
+            // beside its bounded twin the contribution would read as nothing, and what the twin
+            // takes over beyond its bounds as explained
             const Gram alone = without(kept, kFriction, imperfection_columns());
             s.gain.total = std::max(s.gain.total, leave_one_run_out({&alone})[0].total);
             s.gain.informative = s.gain.better = 0;
@@ -303,7 +310,9 @@ void JointWork::weigh(std::size_t index, const std::vector<RunSet> &splits)
                     s.gain.better += s.gain.log_likelihood[r] > 0;
                 }
             const VectorXd theta = gls_fit(kept, all_runs(fit.size())).theta;
-            s.rms_nm = reducible_rms(fit, [&](const BlockRows &b) -> VectorXd { return f.columns(b, s.at) * theta; });
+            s.rms_nm = reducible_rms(fit, [&](const BlockRows &b) -> VectorXd {
+                return f.columns(b, s.at) * theta;
+            });
         }
         if (f.id == "inertia")
             put_whole_inertia(kept, &s);
@@ -315,8 +324,8 @@ void JointWork::weigh(std::size_t index, const std::vector<RunSet> &splits)
     scores[index] = std::move(s);
 }
 
-// What inertia is worth: estimated on the reference's acceleration, it acts on vibration too, which is then no
-// healthy imperfection.
+// What inertia is worth: estimated on the reference's acceleration, it acts on vibration
+// too, which is then no healthy imperfection.
 void JointWork::put_whole_inertia(const Gram &on_reference, Score *s) const
 {
     std::vector<MatrixXd> x;
@@ -451,11 +460,13 @@ void JointWork::search(const std::vector<LineHit> &lines)
     const std::vector<VectorXd> score = evidence_->score();
     families.push_back(local_family(joint, fit, score));
     families.push_back(windup_family(fit, score));
-    times = scan_times(block_numbers(), score, evidence_->noise(), time_grid(block_numbers(), fit[0].block_s));
+    times = scan_times(block_numbers(), score, evidence_->noise(),
+                       time_grid(block_numbers(), fit[0].block_s));
     std::vector<double> hz;
     for (std::size_t k : time_peaks(times, kPeaks))
         hz.push_back(times.grid.hz(k));
-    families.push_back(vibration_family(hz, static_cast<double>(times.grid.count()), fit.size(), times.grid.step_hz()));
+    families.push_back(vibration_family(hz, static_cast<double>(times.grid.count()), fit.size(),
+                                        times.grid.step_hz()));
     std::vector<LineHit> hits = lines;
     for (const LineHit &h : scan_peaks(scan, kPeaks)) {
         const auto same = [&](const LineHit &k) { return k.order == h.order && k.directed == h.directed; };
@@ -535,7 +546,9 @@ void JointWork::refine(Found *f) const
     if (!f->family.refine)
         return;
     const bool line = f->family.id == "order_line";
-    const auto llr = [&](double x) { return gls_fit(gram(f->family, {x, f->at.kind}), all_runs(fit.size())).llr; };
+    const auto llr = [&](double x) {
+        return gls_fit(gram(f->family, {x, f->at.kind}), all_runs(fit.size())).llr;
+    };
     // places and orders are spaced evenly, all else by ratio
     const bool even = f->family.step > 0;
     const double span = even ? f->family.step : std::log(2.0);
@@ -564,7 +577,8 @@ void JointWork::refine(Found *f) const
     f->x_sigma = curve < 0 ? 1 / std::sqrt(-curve) : std::abs(even ? f->family.step : x);
     // a run less moves the best place: seen on a few points around it, by the parabola through the best
     constexpr int side = 6;
-    const double reach = std::min(even ? f->family.step : 0.3 * x, std::max(2 * f->x_sigma, 0.02 * (even ? f->family.step : x)));
+    const double reach = std::min(even ? f->family.step : 0.3 * x,
+                                  std::max(2 * f->x_sigma, 0.02 * (even ? f->family.step : x)));
     std::vector<Gram> near;
     for (int i = -side; i <= side; ++i)
         near.push_back(gram(f->family, {x + reach * i / side, f->at.kind}));
@@ -575,7 +589,8 @@ void JointWork::refine(Found *f) const
         std::vector<double> value;
         for (const Gram &g : near)
             value.push_back(gls_fit(g, use).llr);
-        const std::size_t top = static_cast<std::size_t>(std::max_element(value.begin(), value.end()) - value.begin());
+        const std::size_t top = static_cast<std::size_t>(std::max_element(value.begin(), value.end())
+                                                         - value.begin());
         double at_top = static_cast<double>(top);
         if (top > 0 && top + 1 < value.size()) {
             const double bend = value[top - 1] - 2 * value[top] + value[top + 1];
@@ -622,12 +637,15 @@ std::optional<Score> JointWork::weigh_offset(const Gates &gates) const
     s.rms_nm = std::abs(gls_fit(g, all_runs(fit.size())).theta[0]);
     // declared friction may be off by what its file says
     const double declared = 1.5 * std::hypot(f0_sigma_nm[0], f0_sigma_nm[1]);
-    s.passes = s.p_adjusted <= gates.alpha && s.rms_nm >= std::max({gates.healthy_share * gate_nm, remnant_nm, declared})
-               && s.gain.better >= gates.min_runs && 3 * s.gain.better >= 2 * s.gain.informative && s.gain.plain_total > 0;
+    s.passes = s.p_adjusted <= gates.alpha
+               && s.rms_nm >= std::max({gates.healthy_share * gate_nm, remnant_nm, declared})
+               && s.gain.better >= gates.min_runs && 3 * s.gain.better >= 2 * s.gain.informative
+               && s.gain.plain_total > 0;
     return s;
 }
 
-double reducible_rms(const std::vector<BlockRows> &rows, const std::function<VectorXd(const BlockRows &)> &torque_nm)
+double reducible_rms(const std::vector<BlockRows> &rows,
+                     const std::function<VectorXd(const BlockRows &)> &torque_nm)
 {
     MatrixXd nn = MatrixXd::Zero(4, 4);
     VectorXd nx = VectorXd::Zero(4);
@@ -656,7 +674,8 @@ double left_out_rms(const Gram &g, Index first, Index ignored, Index count)
                 w += g.weighted[s];
         w.block(g.nuisances, g.nuisances, g.columns, g.columns) += g.prior;
         VectorXd coef = VectorXd::Zero(n + 1);
-        coef.segment(first, free) = -ridged(w.block(first, first, free, free)).llt().solve(w.col(n).segment(first, free));
+        coef.segment(first, free) =
+            -ridged(w.block(first, first, free, free)).llt().solve(w.col(n).segment(first, free));
         coef[n] = 1;
         coef.segment(ignored, count).setZero();
         sum += coef.dot(g.plain[r] * coef);
@@ -677,9 +696,11 @@ std::optional<std::pair<std::size_t, std::size_t>> pair_for(const JointWork &w, 
 {
     std::vector<const Score *> named;
     for (const Score &s : w.scores)
-        if (w.families[s.family].named() && !w.families[s.family].chain && s.excited && s.plausible && s.llr > kTie_nats)
+        if (w.families[s.family].named() && !w.families[s.family].chain && s.excited && s.plausible
+            && s.llr > kTie_nats)
             named.push_back(&s);
-    std::stable_sort(named.begin(), named.end(), [](const Score *a, const Score *b) { return a->gain.total > b->gain.total; });
+    std::stable_sort(named.begin(), named.end(),
+                     [](const Score *a, const Score *b) { return a->gain.total > b->gain.total; });
     std::optional<std::pair<std::size_t, std::size_t>> out;
     double best = 0.95 * wanted;
     for (std::size_t i = 0; i < std::min<std::size_t>(named.size(), 3); ++i) {
@@ -687,7 +708,8 @@ std::optional<std::pair<std::size_t, std::size_t>> pair_for(const JointWork &w, 
             const Score &a = *named[i], &b = *named[k];
             std::vector<MatrixXd> x;
             for (const BlockRows &rows : w.fit) {
-                const MatrixXd xa = w.families[a.family].columns(rows, a.at), xb = w.families[b.family].columns(rows, b.at);
+                const MatrixXd xa = w.families[a.family].columns(rows, a.at);
+                const MatrixXd xb = w.families[b.family].columns(rows, b.at);
                 MatrixXd both(xa.rows(), xa.cols() + xb.cols());
                 both << xa, xb;
                 x.push_back(std::move(both));
@@ -697,7 +719,8 @@ std::optional<std::pair<std::size_t, std::size_t>> pair_for(const JointWork &w, 
             // what the model can take is worth more than a little more evidence it cannot use
             const bool taken = w.families[a.family].adoptable() && w.families[b.family].adoptable();
             const double worth = taken ? total : 0.95 * total;
-            if (total > wanted && worth > best && total > a.gain.total + 3 * kTie_nats && total > b.gain.total + 3 * kTie_nats) {
+            if (total > wanted && worth > best && total > a.gain.total + 3 * kTie_nats
+                && total > b.gain.total + 3 * kTie_nats) {
                 best = worth;
                 out = {a.family, b.family};
             }
@@ -710,8 +733,9 @@ std::optional<std::pair<std::size_t, std::size_t>> pair_for(const JointWork &w, 
 
 bool JointWork::beside_ripple(double order) const
 {
-    return std::any_of(arm_joint_.ripple, arm_joint_.ripple + arm_joint_.ripples,
-                       [&](const hdt_arm_line &r) { return std::abs(r.order_rev - order) <= kSideband_rad * r.order_rev; });
+    return std::any_of(arm_joint_.ripple, arm_joint_.ripple + arm_joint_.ripples, [&](const hdt_arm_line &r) {
+        return std::abs(r.order_rev - order) <= kSideband_rad * r.order_rev;
+    });
 }
 
 Choice choose(const JointWork &w)
@@ -782,7 +806,8 @@ struct ChainProducts { MatrixXd a; VectorXd b; };
 
 ChainProducts sum_of(const std::vector<Projected> &joints, const std::vector<double> &trust)
 {
-    ChainProducts out{MatrixXd::Zero(joints[0].a.rows(), joints[0].a.cols()), VectorXd::Zero(joints[0].b.size())};
+    ChainProducts out{MatrixXd::Zero(joints[0].a.rows(), joints[0].a.cols()),
+                      VectorXd::Zero(joints[0].b.size())};
     for (std::size_t j = 0; j < joints.size(); ++j) {
         out.a += trust[j] * joints[j].a;
         out.b += trust[j] * joints[j].b;
@@ -798,7 +823,10 @@ std::vector<Projected> projections(const std::vector<Gram> &grams, const RunSet 
     return out;
 }
 
-VectorXd solved(const ChainProducts &p, const MatrixXd &prior) { return ridged(p.a + prior).llt().solve(p.b); }
+VectorXd solved(const ChainProducts &p, const MatrixXd &prior)
+{
+    return ridged(p.a + prior).llt().solve(p.b);
+}
 
 // Shared numbers of a chain effect at one point of its grid.
 struct ChainFit { VectorXd theta; double llr = 0; std::vector<Gram> grams; std::vector<double> trust; };
@@ -814,8 +842,8 @@ ChainFit fit_chain(std::vector<Gram> grams)
     return f;
 }
 
-// Its numbers once more, each joint trusted by how well what it says alone agrees with what all say.  A wrist's
-// noise is small, and what else a payload does there (wind-up, loss) would decide for the whole arm.
+// Its numbers once more, each joint trusted by how well what it says alone agrees with what all say.  A
+// wrist's noise is small, and what else a payload does there (wind-up, loss) would decide for the whole arm.
 void trust_by_agreement(ChainFit *f)
 {
     constexpr int rounds = 8;
@@ -874,9 +902,11 @@ void judge_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const Ga
         }
         large += c->rms_nm[j] >= std::max(w.gate_nm, w.remnant_nm);
         for (const Score &s : w.scores)
-            simpler_ties = simpler_ties || (s.passes && w.families[s.family].named() && !w.families[s.family].chain
-                                            && tied(s.gain.total, c->gain[j].total)
-                                            && w.families[s.family].columns(w.fit[0], s.at).cols() < std::max<Index>(c->theta.size(), 2));
+            simpler_ties = simpler_ties
+                           || (s.passes && w.families[s.family].named() && !w.families[s.family].chain
+                               && tied(s.gain.total, c->gain[j].total)
+                               && w.families[s.family].columns(w.fit[0], s.at).cols()
+                                      < std::max<Index>(c->theta.size(), 2));
         denied = denied || (rigid && c->rms_nm[j] >= w.gate_nm && c->gain[j].total < 0);
         mine += c->gain[j].total;
         plain += c->gain[j].plain_total;
@@ -885,7 +915,8 @@ void judge_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const Ga
     }
     // a mass, or a tilt, that is not three sigma from nothing is none
     const double sure = std::abs(c->theta[0]) / std::sqrt(std::max(c->covariance(0, 0), 1e-300));
-    const double wald = c->theta.dot(c->covariance.ldlt().solve(c->theta)) / static_cast<double>(c->theta.size());
+    const double wald = c->theta.dot(c->covariance.ldlt().solve(c->theta))
+                        / static_cast<double>(c->theta.size());
     c->passes = large > 0 && !denied && (rigid ? wald >= 9 : sure >= 3)
                 && c->p_adjusted <= gates.alpha && better >= gates.min_runs && plain > 0 && mine > 0
                 && mine >= (large == 1 && rigid ? kTieShare : kAdequate) * others
@@ -896,12 +927,14 @@ void judge_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const Ga
 
 } // namespace
 
-ChainScore weigh_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const std::string &id, const Gates &gates)
+ChainScore weigh_chain(const std::vector<std::unique_ptr<JointWork>> &joints, const std::string &id,
+                       const Gates &gates)
 {
     ChainScore best;
     best.id = id;
     const auto family = [&](const JointWork &w) {
-        return std::find_if(w.families.begin(), w.families.end(), [&](const Family &f) { return f.id == id && f.chain; });
+        return std::find_if(w.families.begin(), w.families.end(),
+                            [&](const Family &f) { return f.id == id && f.chain; });
     };
     for (const auto &w : joints)
         if (family(*w) == w->families.end())

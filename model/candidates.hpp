@@ -98,7 +98,8 @@ private:
     void put_whole_inertia(const Gram &on_reference, Score *s) const;
     void weigh_vibration(std::size_t family, const std::vector<RunSet> &splits);
     std::vector<Eigen::MatrixXd> rich_columns() const;
-    std::vector<LineHit> plain_lines(const std::vector<Eigen::VectorXd> &residual, const OrderGrid &grid) const;
+    std::vector<LineHit> plain_lines(const std::vector<Eigen::VectorXd> &residual,
+                                     const OrderGrid &grid) const;
     BlockNumbers block_numbers() const;
     double found_rms_nm() const;
 };

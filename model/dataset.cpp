@@ -66,25 +66,29 @@ void check_run(const Run &run, const hdt_arm &arm)
 {
     std::size_t n = run.rows();
     if (static_cast<Index>(n) < min_rows)
-        bad(run, text("expected at least %.0f rows, found %.0f: log longer", min_rows, static_cast<double>(n)));
+        bad(run,
+            text("expected at least %.0f rows, found %.0f: log longer", min_rows, static_cast<double>(n)));
     if (static_cast<int>(run.joint.size()) > arm.joints)
         bad(run, text("expected at most %.0f joints as the arm has, found joint %.0f: "
                       "is this the right arm file?", arm.joints, static_cast<double>(run.joint.size())));
     bool any = false;
     for (std::size_t i = 0; i < n; i++)
         if (!std::isfinite(run.t_s[i]) || (i > 0 && run.t_s[i] <= run.t_s[i - 1]))
-            bad(run, text("row %.0f: expected time to advance, found %.9g s", static_cast<double>(i + 1), run.t_s[i]));
+            bad(run, text("row %.0f: expected time to advance, found %.9g s", static_cast<double>(i + 1),
+                          run.t_s[i]));
     for (std::size_t j = 0; j < run.joint.size(); j++) {
         const Run::Joint &jt = run.joint[j];
         if (!jt.present)
             continue;
         any = true;
         if (jt.q_rad.size() != n || jt.tau_nm.size() != n)
-            bad(run, text("joint %.0f: columns shorter than time (%.0f rows)", static_cast<double>(j + 1), static_cast<double>(n)));
+            bad(run, text("joint %.0f: columns shorter than time (%.0f rows)", static_cast<double>(j + 1),
+                          static_cast<double>(n)));
         const hdt_arm_joint &aj = arm.joint[j];
         for (std::size_t i = 0; i < n; i++) {
             if (!std::isfinite(jt.q_rad[i]) || !std::isfinite(jt.tau_nm[i]))
-                bad(run, text("joint %.0f, row %.0f: expected finite numbers", static_cast<double>(j + 1), static_cast<double>(i + 1)));
+                bad(run, text("joint %.0f, row %.0f: expected finite numbers", static_cast<double>(j + 1),
+                              static_cast<double>(i + 1)));
             if (aj.q_max_rad > aj.q_min_rad && (jt.q_rad[i] > aj.q_max_rad + limit_slack_rad ||
                                                 jt.q_rad[i] < aj.q_min_rad - limit_slack_rad))
                 bad(run, text("joint %.0f: q = %.4g rad is outside the arm's position limits: "
@@ -103,7 +107,8 @@ double rate_of(const Run &run, double *dt_median)
     *dt_median = median(dt);
     double rate = 1 / *dt_median;
     if (rate < min_rate_hz)
-        bad(run, text("expected a sampling rate of at least %.0f Hz, found %.3g Hz: log faster", min_rate_hz, rate));
+        bad(run, text("expected a sampling rate of at least %.0f Hz, found %.3g Hz: log faster", min_rate_hz,
+                      rate));
     return rate;
 }
 
@@ -152,7 +157,8 @@ void window_at(const VectorXd &t, Segment s, Index i, double half_s, Window *w)
         moment += tri * p * p.transpose();
         w->basis.col(k) = tri * p;
     }
-    Eigen::Matrix<double, 3, 4> solve = moment.ldlt().solve(Eigen::Matrix<double, 4, 3>::Identity()).transpose();
+    Eigen::Matrix<double, 3, 4> solve =
+        moment.ldlt().solve(Eigen::Matrix<double, 4, 3>::Identity()).transpose();
     solve.row(1) /= h;
     solve.row(2) *= 2 / (h * h);
     w->weight.leftCols(n).noalias() = solve * w->basis.leftCols(n);
@@ -222,7 +228,10 @@ Smooth smooth(const VectorXd &t, const MatrixXd &q, const std::vector<Segment> &
     return out;
 }
 
-double rms(const VectorXd &x) { return x.size() > 0 ? std::sqrt(x.squaredNorm() / static_cast<double>(x.size())) : 0; }
+double rms(const VectorXd &x)
+{
+    return x.size() > 0 ? std::sqrt(x.squaredNorm() / static_cast<double>(x.size())) : 0;
+}
 
 // Where the measured acceleration differs from the reference mostly by its own noise, the reference
 // is the better regressor.
@@ -262,7 +271,8 @@ void differentiate(const std::vector<Segment> &segs, double dt, Conditioned *c)
         for (std::size_t k = 0; k < done.size(); k++) {
             Index j = static_cast<Index>(k);
             double noise = sigma[j] * s.a_gain;
-            if (done[k] || (h != widest && noise > std::max(a_noise_floor_radps2, a_noise_share * rms(s.a.col(j)))))
+            if (done[k] ||
+                (h != widest && noise > std::max(a_noise_floor_radps2, a_noise_share * rms(s.a.col(j)))))
                 continue;
             done[k] = 1;
             c->v.col(j) = s.v.col(j);
@@ -303,7 +313,8 @@ Mask gap_mask(const VectorXd &t, const std::vector<Segment> &segs, double half_s
     Mask m(static_cast<std::size_t>(t.size()), 0);
     for (Segment s : segs)
         for (Index i = s.begin; i < s.end; i++)
-            if (s.end - s.begin < segment_min_rows || t[i] - t[s.begin] < half_s / 2 || t[s.end - 1] - t[i] < half_s / 2)
+            if (s.end - s.begin < segment_min_rows || t[i] - t[s.begin] < half_s / 2 ||
+                t[s.end - 1] - t[i] < half_s / 2)
                 m[static_cast<std::size_t>(i)] = 1;
     return m;
 }
@@ -323,7 +334,8 @@ Mask spike_mask(const VectorXd &tau, double rate_hz)
     double all = median({r.data(), r.data() + n});
     double largest = tau.cwiseAbs().maxCoeff();
     Mask m(static_cast<std::size_t>(n), 0);
-    Index chunk = std::max<Index>(30, std::lround(spike_scale_s * rate_hz)), guard = std::lround(spike_guard_s * rate_hz);
+    Index chunk = std::max<Index>(30, std::lround(spike_scale_s * rate_hz));
+    Index guard = std::lround(spike_guard_s * rate_hz);
     for (Index b = 0; b < n; b += chunk) {
         Index lo = std::max<Index>(0, b - chunk), hi = std::min(n, b + 2 * chunk);
         // quantised torque can have a median deviation of zero
@@ -392,13 +404,14 @@ Mask soft_mask(const hdt_arm &arm, Index j, double margin_nm, const MatrixXd &gr
     return m;
 }
 
-void mask_joint(const hdt_arm &arm, const std::vector<Segment> &segs, Index j, const ConditionOptions &options,
-                const MatrixXd &gravity, Conditioned *c)
+void mask_joint(const hdt_arm &arm, const std::vector<Segment> &segs, Index j,
+                const ConditionOptions &options, const MatrixXd &gravity, Conditioned *c)
 {
     const hdt_arm_joint &aj = arm.joint[j];
     Mask gap = gap_mask(c->t_s, segs, c->smooth_s[j]);
     Mask spike = spike_mask(c->tau.col(j), c->rate_hz);
-    Mask still = standstill_mask(*c, j, options), soft = soft_mask(arm, j, options.soft_margin_nm, gravity, *c);
+    Mask still = standstill_mask(*c, j, options);
+    Mask soft = soft_mask(arm, j, options.soft_margin_nm, gravity, *c);
     double limit = saturation_share * aj.tau_max_m_nm * aj.ratio;
     MaskCount &count = c->masked[static_cast<std::size_t>(j)];
     for (Index i = 0; i < c->t_s.size(); i++) {
@@ -460,7 +473,8 @@ void fill(const Run &run, const hdt_arm &arm, Conditioned *c)
     c->payload_com_m = Eigen::Map<const Eigen::Vector3d>(arm.payload_com_m);
     std::vector<double> com = run.constant_vector("payload_com_m");
     if (!com.empty() && com.size() != 3)
-        bad(run, text("payload_com_m: expected %.0f numbers, found %.0f", 3, static_cast<double>(com.size())));
+        bad(run,
+            text("payload_com_m: expected %.0f numbers, found %.0f", 3, static_cast<double>(com.size())));
     if (!com.empty())
         c->payload_com_m = Eigen::Map<const Eigen::Vector3d>(com.data());
     if (!(c->payload_kg >= 0))
@@ -485,7 +499,8 @@ Conditioned condition(const Run &run, const hdt_arm &arm, const ConditionOptions
         if (!c.present[static_cast<std::size_t>(j)])
             continue;
         prefer_reference(run.joint[static_cast<std::size_t>(j)], segs, j, &c);
-        c.v_min[j] = options.v_min_radps > 0 ? options.v_min_radps : std::max(v_min_floor_radps, 3 * c.v_noise[j]);
+        c.v_min[j] = options.v_min_radps > 0 ? options.v_min_radps
+                                             : std::max(v_min_floor_radps, 3 * c.v_noise[j]);
         direction(j, &c);
         mask_joint(arm, segs, j, options, gravity, &c);
     }

@@ -22,10 +22,12 @@ namespace hdt {
 
 struct ConditionOptions {
     double block_s = 0.01;
-    double v_min_radps = 0;         // slower rows are masked for friction's sake; 0: chosen from the resolver step
+    // slower rows are masked for friction's sake; 0: chosen from the resolver step
+    double v_min_radps = 0;
     double reversal_guard_s = 0;    // rows this close to a change of direction are masked too
     double reversal_travel_rad = 0; // and rows with less travel than this behind them since
-    double soft_margin_nm = 0;      // rows this close to the fall of the declared soft wind-up are masked; 0: none
+    // rows this close to the fall of the declared soft wind-up are masked; 0: none
+    double soft_margin_nm = 0;
 };
 
 // N.m around the fall of the declared soft wind-up that fits of small things leave out.

@@ -30,20 +30,23 @@ namespace {
 constexpr int kEffectsMax = 4;
 constexpr std::size_t kRunsMin = 4;
 constexpr Index kRowsMin = 400;            // per joint over all fit runs
-constexpr double kWorse = 1.05;            // held-out error may grow by this where likelihood gains: few runs scatter
+// held-out error may grow by this where likelihood gains: few runs scatter
+constexpr double kWorse = 1.05;
 constexpr double kClearFall = 0.95;        // of the held-out error, best without the effect
 constexpr double kWorseThanRefit = 1.5;    // its square, against friction fitted again
 constexpr double kUnnamedFall = 0.03;      // what no effect explains must be worth a table
 constexpr double kFewRunsFall = 0.15;      // of the held-out error, where few runs may name
 constexpr double kSure = 9;                // three sigma from nothing, squared and per number
-constexpr double kChainTie = 0.98;         // of the evidence: within it the chain effect first in the list is taken
+// of the evidence: within it the chain effect first in the list is taken
+constexpr double kChainTie = 0.98;
 constexpr double kChainShare = 0.15;       // of the floor: a chain effect's part worth a line on a joint
 constexpr double kOverGate = 1.3;          // a detection limit, over what the gates ask for at least
 constexpr double kSeparates = 0.3;         // of the noise floor, rms over a run
 constexpr int kEventPasses = 3;            // the last only fits
 constexpr double kPiece_s = 20;
 constexpr double kReversalGuard_s = 0.03;  // velocity estimate and gear wind-up settle within this
-constexpr double kReversalTravel_rad = 0.002; // lost motion and wind-up of a reversal: no term describes it to the end
+// lost motion and wind-up of a reversal: no term describes it to the end
+constexpr double kReversalTravel_rad = 0.002;
 constexpr const char *kChainIds[] = {"payload", "base_tilt", "link_mass"}; // in order of preference
 
 using Works = std::vector<std::unique_ptr<JointWork>>;
@@ -99,14 +102,17 @@ RunBlocks cut_pieces(const RunBlocks &runs)
         double end = 0;
         for (const BlockRows &b : joints)
             end = b.size() > 0 ? std::max(end, b.t_s[b.size() - 1]) : end;
-        const auto want = static_cast<int>((kRunsMin + runs.size() - 1) / std::max<std::size_t>(runs.size(), 1));
+        const auto want = static_cast<int>((kRunsMin + runs.size() - 1)
+                                           / std::max<std::size_t>(runs.size(), 1));
         const int pieces = std::clamp(static_cast<int>(end / kPiece_s), want, 12);
         for (int p = 0; p < pieces; ++p) {
             std::vector<BlockRows> piece;
             for (const BlockRows &b : joints) {
                 const auto at = [&](int k) {
                     const double t = end * k / pieces;
-                    return k == pieces ? b.size() : std::lower_bound(b.t_s.data(), b.t_s.data() + b.size(), t) - b.t_s.data();
+                    return k == pieces
+                               ? b.size()
+                               : std::lower_bound(b.t_s.data(), b.t_s.data() + b.size(), t) - b.t_s.data();
                 };
                 piece.push_back(b.slice(at(p), at(p + 1)));
             }
@@ -275,7 +281,8 @@ void widen(const JointWork &w, Gram g, JointEstimate *e)
     for (MatrixXd &m : g.weighted)
         for (Index k = 0; k < kFriction; ++k) {
             const double sigma = k < 2 ? w.f0_sigma_nm[k] : 0;
-            m(k, k) += (sigma > 0 ? std::min(exact, 1 / (sigma * sigma)) : exact) / static_cast<double>(g.weighted.size());
+            m(k, k) += (sigma > 0 ? std::min(exact, 1 / (sigma * sigma)) : exact)
+                       / static_cast<double>(g.weighted.size());
         }
     MatrixXd cov;
     (void)fit_from(g, 0, &cov);
@@ -348,7 +355,8 @@ void widen_by_place(const JointWork &w, JointEstimate *e)
     VectorXd bound = VectorXd::Zero(n);
     const VectorXd prior = w.evidence().rows()[0].prior;
     const double noise = w.evidence().rms_nm() * w.evidence().rms_nm();
-    bound.segment(kFriction - first, w.imperfection_columns()) = noise * prior.segment(kFriction, w.imperfection_columns());
+    const Index n_imperfect = w.imperfection_columns();
+    bound.segment(kFriction - first, n_imperfect) = noise * prior.segment(kFriction, n_imperfect);
     MatrixXd left_out(n, parts);
     for (int out = 0; out < parts; ++out) {
         MatrixXd sum = bound.asDiagonal();
@@ -400,7 +408,10 @@ bool prune(JointWork &w)
 }
 
 // Residuals on held-out rows, all runs one after the other.
-struct HeldOut { VectorXd before, refit, after; std::vector<VectorXd> before_by_run, refit_by_run, after_by_run; };
+struct HeldOut {
+    VectorXd before, refit, after;
+    std::vector<VectorXd> before_by_run, refit_by_run, after_by_run;
+};
 
 VectorXd joined(const std::vector<VectorXd> &parts)
 {
@@ -416,7 +427,10 @@ VectorXd joined(const std::vector<VectorXd> &parts)
     return out;
 }
 
-double rms(const VectorXd &x) { return x.size() > 0 ? std::sqrt(x.squaredNorm() / static_cast<double>(x.size())) : 0; }
+double rms(const VectorXd &x)
+{
+    return x.size() > 0 ? std::sqrt(x.squaredNorm() / static_cast<double>(x.size())) : 0;
+}
 
 VectorXd effect_nm(const JointEstimate &e, const JointWork &w, std::size_t k, const BlockRows &b)
 {
@@ -444,7 +458,8 @@ HeldOut held_out(const JointWork &w, const JointEstimate &e, const Found &axis, 
 VectorXd axis_signal(const std::string &id, const std::string &axis, const BlockRows &b, std::string *label)
 {
     const auto is = [&](std::initializer_list<const char *> ids) {
-        return std::any_of(ids.begin(), ids.end(), [&](const char *k) { return id == k || axis.rfind(k, 0) == 0; });
+        return std::any_of(ids.begin(), ids.end(),
+                           [&](const char *k) { return id == k || axis.rfind(k, 0) == 0; });
     };
     if (is({"load_friction", "drive_efficiency", "soft_windup", "load"}))
         return *label = "load (gravity torque), N.m", b.gravity;
@@ -518,16 +533,18 @@ void detection_limits(const JointWork &w, const Gates &gates, JointDiagnosis *d)
             continue;
         // the gates ask for a size of their own, and for most of it in runs left out
         const double gate_nm = kOverGate * w.gate_nm * gate_factor(f, gates);
-        d->detection_limit_nm.emplace_back(f.id, std::max(gate_nm, std::sqrt(4 * (need + 2 * std::sqrt(need)) / info)));
+        d->detection_limit_nm.emplace_back(f.id, std::max(gate_nm, std::sqrt(4 * (need + 2 * std::sqrt(need))
+                                                                             / info)));
     }
 }
 
 // The run that would tell most, as a line to type.
-std::string next_experiment(const hdt_arm &arm, const JointWork &w, const JointEstimate &e, const JointDiagnosis &d,
-                            std::size_t runs)
+std::string next_experiment(const hdt_arm &arm, const JointWork &w, const JointEstimate &e,
+                            const JointDiagnosis &d, std::size_t runs)
 {
     if (runs < kRunsMin)
-        return text("record %.0f more runs of 40 s, each with its own seed: ", static_cast<double>(kRunsMin + 2 - runs))
+        return text("record %.0f more runs of 40 s, each with its own seed: ",
+                    static_cast<double>(kRunsMin + 2 - runs))
                + host_line(arm, "excite:seed=1,seconds=40");
     if (d.effects.empty())
         return "";
@@ -541,14 +558,18 @@ std::string next_experiment(const hdt_arm &arm, const JointWork &w, const JointE
         const NextRun n = choose_next_run(arm, w, d.ambiguous_with,
                                           [&](const BlockRows &b) { return effect_nm(e, w, k, b); });
         if (n.task.empty() || n.separation < kSeparates)
-            return "no task of the menu tells " + id + " from " + (n.rival.empty() ? d.ambiguous_with[0] : n.rival)
+            return "no task of the menu tells " + id + " from "
+                   + (n.rival.empty() ? d.ambiguous_with[0] : n.rival)
                    + (n.task.empty() ? "" : text(": at most %.2g of the noise floor apart", n.separation));
-        return (n.payload_kg > 0 ? text("with a known %.3g kg 0.05 m beyond the flange: ", n.payload_kg) : std::string())
+        return (n.payload_kg > 0 ? text("with a known %.3g kg 0.05 m beyond the flange: ", n.payload_kg)
+                                 : std::string())
                + host_line(arm, n.task) + " (" + id + " and " + n.rival
-               + text(" would be %.2g of the noise floor apart, %.2g in these runs)", n.separation, n.at_hand);
+               + text(" would be %.2g of the noise floor apart, %.2g in these runs)", n.separation,
+                      n.at_hand);
     }
     if (id == "external_vibration")
-        return "the same run with the neighbourhood switched off: " + host_line(arm, "excite:seed=1,seconds=40");
+        return "the same run with the neighbourhood switched off: "
+               + host_line(arm, "excite:seed=1,seconds=40");
     return "confirm on the task that matters: " + host_line(arm, "lemniscate");
 }
 
@@ -573,12 +594,14 @@ void put_words(std::size_t runs, JointDiagnosis *d, const std::string &doubt)
 {
     const std::string errors = text("held-out error %.3g -> %.3g N.m (noise floor %.3g)", d->rms_before_nm,
                                     d->rms_after_nm, d->noise_floor_nm);
-    const std::string few = runs < kRunsMin
-        ? text(" Only %.0f independent run(s): pieces of a run are not independent evidence.", static_cast<double>(runs))
-        : "";
+    const std::string few =
+        runs < kRunsMin ? text(" Only %.0f independent run(s): pieces of a run are not independent evidence.",
+                               static_cast<double>(runs))
+                        : "";
     std::string names;
     for (const Effect &e : d->effects)
-        names += (names.empty() ? "" : " and ") + (e.id == "unnamed" ? "something that depends on " + e.axis : e.id)
+        names += (names.empty() ? "" : " and ")
+                 + (e.id == "unnamed" ? "something that depends on " + e.axis : e.id)
                  + (e.parameters.empty() ? "" : " (" + numbers(e) + ")");
     if (d->verdict == "named")
         d->words = "The model lacks " + names + "; " + errors + ".";
@@ -597,7 +620,8 @@ void put_words(std::size_t runs, JointDiagnosis *d, const std::string &doubt)
     if (d->verdict == "named" && is("torque_offset"))
         d->words += " Sliding cannot tell an offset from Coulomb friction that differs by direction.";
     if (d->verdict == "named" && is("external_vibration"))
-        d->words += " A vibration has its own phase in every run: it is no part of a model, look for its source.";
+        d->words +=
+            " A vibration has its own phase in every run: it is no part of a model, look for its source.";
     if (!d->ambiguous_with.empty() && d->verdict != "nothing")
         d->words += " These runs cannot tell it from " + list(d->ambiguous_with) + ".";
     d->words += few;
@@ -620,12 +644,14 @@ std::vector<Candidate> list_candidates(const JointWork &w, const Gates &gates)
         tried.push_back(std::move(c));
     };
     for (const Score &s : w.scores)
-        enter(s, w.families[s.family].named() ? w.families[s.family].id : "unnamed: " + w.families[s.family].axis);
+        enter(s, w.families[s.family].named() ? w.families[s.family].id
+                                              : "unnamed: " + w.families[s.family].axis);
     if (const auto s = w.weigh_offset(gates)) {
         enter(*s, "torque_offset");
         tried.back().note = "or Coulomb friction that differs by direction: sliding shows both alike";
     }
-    std::stable_sort(tried.begin(), tried.end(), [](const Candidate &a, const Candidate &b) { return a.log_e > b.log_e; });
+    std::stable_sort(tried.begin(), tried.end(),
+                     [](const Candidate &a, const Candidate &b) { return a.log_e > b.log_e; });
     return tried;
 }
 
@@ -647,7 +673,8 @@ void list_effects(const hdt_arm &arm, const JointWork &w, const JointEstimate &e
                                    [&](const BlockRows &b) { return effect_nm(e, w, k, b); });
         out.p_adjusted = f.p_adjusted;
         out.parameters = effect_parameters(arm, w, e, k);
-        // it is there for the whole chain: a joint that shows little of it says so only where that is much to it
+        // it is there for the whole chain: a joint that shows little of
+        // it says so only where that is much to it
         if (f.chain_theta && out.rms_nm < kChainShare * w.floor_nm)
             continue;
         d->effects.push_back(std::move(out));
@@ -668,17 +695,20 @@ void list_effects(const hdt_arm &arm, const JointWork &w, const JointEstimate &e
     const auto named = [&](const std::string &a) {
         return std::any_of(d->effects.begin(), d->effects.end(), [&](const Effect &k) { return k.id == a; });
     };
-    d->ambiguous_with.erase(std::remove_if(d->ambiguous_with.begin(), d->ambiguous_with.end(), named), d->ambiguous_with.end());
+    d->ambiguous_with.erase(std::remove_if(d->ambiguous_with.begin(), d->ambiguous_with.end(), named),
+                            d->ambiguous_with.end());
     if (axis.family.id.empty())
         return;
     Effect out;
     out.id = "unnamed";
     out.axis = axis.family.axis;
     out.depends_on = axis.family.depends_on;
-    out.rms_nm = reducible_rms(w.test, [&](const BlockRows &b) -> VectorXd { return axis.columns(b) * axis_theta; });
+    out.rms_nm = reducible_rms(w.test,
+                               [&](const BlockRows &b) -> VectorXd { return axis.columns(b) * axis_theta; });
     out.p_adjusted = axis.p_adjusted;
     out.table_x = axis.family.knots;
-    out.table_nm.assign(axis_theta.data(), axis_theta.data() + axis_theta.size());
+    const VectorXd curve_nm = axis_curve_nm(w, e, axis_theta);
+    out.table_nm.assign(curve_nm.data(), curve_nm.data() + curve_nm.size());
     d->effects.push_back(std::move(out));
 }
 
@@ -691,7 +721,8 @@ bool only_hum(const JointWork &w)
 bool hum_held_out(const JointWork &w, const VectorXd &theta_by_run, const HeldOut &h)
 {
     const double hz = w.found[0].at.x;
-    const double amplitude = std::sqrt(2 * theta_by_run.squaredNorm() / static_cast<double>(theta_by_run.size()));
+    const double amplitude = std::sqrt(2 * theta_by_run.squaredNorm()
+                                       / static_cast<double>(theta_by_run.size()));
     std::size_t shows = 0;
     for (std::size_t r = 0; r < w.test.size(); ++r) {
         MatrixXd x(w.test[r].size(), 2);
@@ -705,14 +736,15 @@ bool hum_held_out(const JointWork &w, const VectorXd &theta_by_run, const HeldOu
 }
 
 // Named, unnamed or suspect, and why doubt remains.
-std::string judge(const JointWork &w, const JointEstimate &e, const Independent &runs, const HeldOut &h, bool unnamed,
-                  JointDiagnosis *d)
+std::string judge(const JointWork &w, const JointEstimate &e, const Independent &runs, const HeldOut &h,
+                  bool unnamed, JointDiagnosis *d)
 {
     d->verdict = unnamed ? "unnamed" : "named";
     const double fall = 1 - rms(h.after) / std::max(rms(h.before), 1e-12);
     // a run's own Coulomb scatter must not decide: judged by likelihood, with a limit in N.m
     const double gain = w.held_out_log_likelihood(h.after_by_run)
-                        - std::max(w.held_out_log_likelihood(h.refit_by_run), w.held_out_log_likelihood(h.before_by_run));
+                        - std::max(w.held_out_log_likelihood(h.refit_by_run),
+                                   w.held_out_log_likelihood(h.before_by_run));
     if (only_hum(w) && !unnamed) {
         if (hum_held_out(w, e.theta[0], h))
             return "";
@@ -720,14 +752,16 @@ std::string judge(const JointWork &w, const JointEstimate &e, const Independent 
         return "the held-out runs do not show that frequency";
     }
     const double *scatter = w.evidence().noise().variance;
-    const double limit = std::sqrt(kWorseThanRefit * h.refit.squaredNorm() / static_cast<double>(h.refit.size())
+    const double limit = std::sqrt(kWorseThanRefit * h.refit.squaredNorm()
+                                       / static_cast<double>(h.refit.size())
                                    + 2 * (scatter[RG_COULOMB] + scatter[RG_OFFSET]));
     // few runs know their own noise badly: what falls by enough in N.m needs no likelihood
     const bool falls = rms(h.after) < kClearFall * std::min(rms(h.before), rms(h.refit));
     if (!falls && (!(gain > 0) || rms(h.after) > std::min(limit, kWorse * rms(h.before)))) {
         d->verdict = "suspect";
-        return text("it does not help on the held-out runs (%.3g N.m as given, %.3g with friction fitted again, "
-                    "%.3g with it)", rms(h.before), rms(h.refit), rms(h.after));
+        return text("it does not help on the held-out runs (%.3g N.m as given, %.3g with friction fitted "
+                    "again, %.3g with it)",
+                    rms(h.before), rms(h.refit), rms(h.after));
     }
     if (unnamed && d->effects.size() == 1 && fall < kUnnamedFall) {
         d->verdict = "suspect";
@@ -736,8 +770,9 @@ std::string judge(const JointWork &w, const JointEstimate &e, const Independent 
     }
     if (runs.count < kRunsMin && !(runs.may_name && fall >= kFewRunsFall)) {
         d->verdict = "suspect";
-        return text("%.0f independent run(s) are too few to name it (held-out error would go from %.3g to %.3g N.m; "
-                    "--few-runs adopts it)", static_cast<double>(runs.count), rms(h.before), rms(h.after));
+        return text("%.0f independent run(s) are too few to name it (held-out error would go from %.3g to "
+                    "%.3g N.m; --few-runs adopts it)",
+                    static_cast<double>(runs.count), rms(h.before), rms(h.after));
     }
     return "";
 }
@@ -765,7 +800,8 @@ bool take_friction(const Start &start, JointDiagnosis *d)
     d->friction_refitted = true;
     d->rms_after_nm = d->rms_refit_nm;
     d->words += text(" Its friction has changed: Coulomb %+.3g and %+.3g N.m", start.refit[0], start.refit[1])
-                + text(" (positive, negative), viscous %+.3g and %+.3g N.m.s/rad;", start.refit[2], start.refit[3])
+                + text(" (positive, negative), viscous %+.3g and %+.3g N.m.s/rad;", start.refit[2],
+                       start.refit[3])
                 + text(" with that in the model the held-out error is %.3g N.m.", d->rms_refit_nm);
     return true;
 }
@@ -846,7 +882,8 @@ Judged judge_whole_or_part(const hdt_arm &arm, JointWork &w, const Found &axis, 
         return whole;
     const std::vector<Found> found = w.found;
     Found left = axis;
-    for (std::string dropped = drop_last(w, &left); !dropped.empty() && !w.found.empty(); dropped = drop_last(w, &left)) {
+    for (std::string dropped = drop_last(w, &left); !dropped.empty() && !w.found.empty();
+         dropped = drop_last(w, &left)) {
         w.assess(gates);
         Judged part = judge_as_found(arm, w, left, start, runs, gates);
         if (part.d.verdict == "named") {
@@ -859,8 +896,8 @@ Judged judge_whole_or_part(const hdt_arm &arm, JointWork &w, const Found &axis, 
     return whole;
 }
 
-Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const Start &start, const Independent &runs,
-                   const Gates &gates)
+Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const Start &start,
+                   const Independent &runs, const Gates &gates)
 {
     Judged out = judge_whole_or_part(arm, w, axis, start, runs, gates);
     pictures(w, out.shown, out.axis, &out.d);
@@ -873,7 +910,8 @@ Works make_works(const hdt_arm &arm, RunBlocks fit, const RunBlocks &test, const
 {
     Works out;
     for (int j = 0; j < arm.joints; ++j) {
-        if (!options.joints.empty() && std::find(options.joints.begin(), options.joints.end(), j + 1) == options.joints.end())
+        if (!options.joints.empty()
+            && std::find(options.joints.begin(), options.joints.end(), j + 1) == options.joints.end())
             continue;
         std::vector<BlockRows> f, t;
         Index rows = 0, held = 0;
@@ -895,7 +933,8 @@ Works make_works(const hdt_arm &arm, RunBlocks fit, const RunBlocks &test, const
     return out;
 }
 
-void check_options(const hdt_arm &arm, const std::vector<Run> &fit, const std::vector<Run> &test, const DiagnoseOptions &o)
+void check_options(const hdt_arm &arm, const std::vector<Run> &fit, const std::vector<Run> &test,
+                   const DiagnoseOptions &o)
 {
     if (fit.empty() || test.empty())
         throw InputError("diagnose: expected at least one run to fit and one held out, found "
@@ -903,11 +942,13 @@ void check_options(const hdt_arm &arm, const std::vector<Run> &fit, const std::v
                          + ": hdt log cut divides one long log");
     for (int j : o.joints)
         if (j < 1 || j > arm.joints)
-            throw InputError("diagnose: joint " + std::to_string(j) + ": expected 1.." + std::to_string(arm.joints));
+            throw InputError("diagnose: joint " + std::to_string(j) + ": expected 1.."
+                             + std::to_string(arm.joints));
     for (const Run &f : fit)
         for (const Run &t : test)
             if (!f.path.empty() && f.path == t.path)
-                throw InputError(f.path + ": given both to fit and to test: a held-out run must not be fitted");
+                throw InputError(f.path
+                                 + ": given both to fit and to test: a held-out run must not be fitted");
 }
 
 void adopt(ArmFile *model, const Works &works, const std::vector<Start> &start, std::vector<Judged> *judged)
@@ -919,9 +960,12 @@ void adopt(ArmFile *model, const Works &works, const std::vector<Start> &start, 
             adopt_friction(model, *works[j], start[j].refit, start[j].refit_sigma);
         if (!g.adopt)
             continue;
-        const std::string no_table = g.axis.family.id.empty() ? "" : adopt_axis(model, *works[j], g.axis, g.axis_theta);
+        const std::string no_table =
+            g.axis.family.id.empty() ? "" : adopt_axis(model, *works[j], g.e, g.axis, g.axis_theta);
         // what was fitted beside a curve the file cannot hold is right only beside it
-        std::string refused = no_table.empty() || !works[j]->found.empty() ? adopt_joint(model, *works[j], g.e) : "";
+        std::string refused = no_table.empty() || !works[j]->found.empty()
+                                  ? adopt_joint(model, *works[j], g.e)
+                                  : "";
         for (Effect &e : g.d.effects)
             e.adopted = e.id == "unnamed" ? no_table.empty() : refused.find(" " + e.id) == std::string::npos;
         refused += no_table;
@@ -990,7 +1034,8 @@ void find_effects(Works &works, const Gates &gates, std::vector<Start> *start, s
 
 } // namespace
 
-Diagnosis diagnose(const ArmFile &arm, std::vector<Run> fit, std::vector<Run> test, const DiagnoseOptions &options)
+Diagnosis diagnose(const ArmFile &arm, std::vector<Run> fit, std::vector<Run> test,
+                   const DiagnoseOptions &options)
 {
     check_options(arm.arm(), fit, test, options);
     const Gates gates;

@@ -76,7 +76,8 @@ struct Diagnosis {
 
 // Throws InputError when a run does not fit the arm or a joint asked for is not in the runs.
 // The runs are given back to the heap as soon as their blocks are read.
-Diagnosis diagnose(const ArmFile &arm, std::vector<Run> fit, std::vector<Run> test, const DiagnoseOptions &options);
+Diagnosis diagnose(const ArmFile &arm, std::vector<Run> fit, std::vector<Run> test,
+                   const DiagnoseOptions &options);
 
 // DIR/diagnosis.json, DIR/model.toml, DIR/report.html; each complete or absent.
 void write_diagnosis(const Diagnosis &d, const std::string &dir);

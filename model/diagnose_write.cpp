@@ -56,7 +56,11 @@ Json joint_json(const JointDiagnosis &d)
     j["words"] = d.words;
     j["events"] = Json::array();
     for (const RunEvent &e : d.events) {
-        Json one = {{"run", e.run}, {"from_s", e.from_s}, {"to_s", e.to_s}, {"kind", e.kind}, {"torque_nm", e.torque_nm}};
+        Json one = {{"run", e.run},
+                    {"from_s", e.from_s},
+                    {"to_s", e.to_s},
+                    {"kind", e.kind},
+                    {"torque_nm", e.torque_nm}};
         if (e.kind == "angle")
             one["angle_rad"] = e.angle_rad;
         one["log_likelihood"] = e.log_likelihood;
@@ -64,8 +68,12 @@ Json joint_json(const JointDiagnosis &d)
     }
     j["tried"] = Json::array();
     for (const Candidate &c : d.tried)
-        j["tried"].push_back({{"id", c.id}, {"log_e", c.log_e}, {"p_adjusted", c.p_adjusted}, {"rms_nm", c.rms_nm},
-                              {"gain_nm", c.gain_nm}, {"note", c.note}});
+        j["tried"].push_back({{"id", c.id},
+                              {"log_e", c.log_e},
+                              {"p_adjusted", c.p_adjusted},
+                              {"rms_nm", c.rms_nm},
+                              {"gain_nm", c.gain_nm},
+                              {"note", c.note}});
     Json limits = Json::object();
     for (const auto &[id, nm] : d.detection_limit_nm)
         limits[id] = nm;
@@ -136,7 +144,8 @@ void add_joint(Report *report, const JointDiagnosis &d)
         for (const Effect &e : d.effects) {
             const std::string name = e.axis.empty() ? e.id : e.id + ": " + e.axis;
             if (e.parameters.empty())
-                rows.push_back({name, "", "", "", "", num(e.rms_nm), num(e.p_adjusted, 2), e.adopted ? "yes" : "no"});
+                rows.push_back({name, "", "", "", "", num(e.rms_nm), num(e.p_adjusted, 2),
+                                e.adopted ? "yes" : "no"});
             for (const EffectParameter &p : e.parameters)
                 rows.push_back({name, p.name, num(p.value, 4), num(p.sigma, 2), p.unit, num(e.rms_nm),
                                 num(e.p_adjusted, 2), e.adopted ? "yes" : "no"});
@@ -148,15 +157,18 @@ void add_joint(Report *report, const JointDiagnosis &d)
         for (const RunEvent &e : d.events)
             rows.push_back({e.run, num(e.from_s), num(e.to_s), e.kind, num(e.torque_nm),
                             e.kind == "angle" ? num(e.angle_rad) : ""});
-        report->table(rows, "In part of one run only: a push, a drag, a slip. Left out of the fit, no part of the model");
+        report->table(rows, "In part of one run only: a push, a drag, a slip. Left out of the fit, no part "
+                            "of the model");
     }
     if (!d.residual_before_nm.empty())
         add_pictures(report, d);
     Rows tried = {{"candidate", "log e", "p adjusted", "rms N.m", "held-out gain N.m", ""}};
     for (const Candidate &c : d.tried)
-        tried.push_back({c.id, c.log_e < -1e8 ? "" : num(c.log_e), num(c.p_adjusted, 2), num(c.rms_nm), num(c.gain_nm), c.note});
+        tried.push_back({c.id, c.log_e < -1e8 ? "" : num(c.log_e), num(c.p_adjusted, 2), num(c.rms_nm),
+                         num(c.gain_nm), c.note});
     report->table(tried, "Everything tried, strongest evidence first, before anything was added. log e above "
-                         "log(number tried / 0.05) counts as evidence; gain is leave-one-run-out within the fit runs");
+                         "log(number tried / 0.05) counts as evidence; gain is leave-one-run-out within the "
+                         "fit runs");
     if (d.detection_limit_nm.empty())
         return;
     Rows limits = {{"effect", "would have been seen from, N.m rms"}};
@@ -177,16 +189,18 @@ void write_diagnosis(const Diagnosis &d, const std::string &dir)
         std::vector<std::string> names;
         for (const Effect &e : j.effects)
             names.push_back(e.axis.empty() ? e.id : e.axis);
-        rows.push_back({std::to_string(j.joint), j.verdict, joined(names), num(j.noise_floor_nm), num(j.rms_before_nm),
-                        num(j.rms_refit_nm), num(j.rms_after_nm), joined(j.ambiguous_with)});
+        rows.push_back({std::to_string(j.joint), j.verdict, joined(names), num(j.noise_floor_nm),
+                        num(j.rms_before_nm), num(j.rms_refit_nm), num(j.rms_after_nm),
+                        joined(j.ambiguous_with)});
         good = good && (j.verdict == "nothing" || j.verdict == "named");
         if (j.verdict != "nothing" || j.friction_refitted)
             first += (first.empty() ? "" : "\n") + ("Joint " + std::to_string(j.joint) + ": " + j.words);
     }
     report.verdict(first.empty() ? "Nothing is missing that these runs could show." : first, good);
-    report.table(rows, "Root mean square of the torque residual on held-out runs, N.m output side. before: the model as "
-                       "given; refit: Coulomb and viscous friction fitted again, nothing added; after: the model written. "
-                       "floor: what the best candidate of all, named or not, leaves on a fit run left out");
+    report.table(rows, "Root mean square of the torque residual on held-out runs, N.m output side. before: "
+                       "the model as given; refit: Coulomb and viscous friction fitted again, nothing added; "
+                       "after: the model written. floor: what the best candidate of all, named or not, "
+                       "leaves on a fit run left out");
     for (const auto &[joint, why] : d.skipped)
         report.paragraph("Joint " + std::to_string(joint) + " is left out: " + why + ".");
     for (const JointDiagnosis &j : d.joints)

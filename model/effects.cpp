@@ -21,7 +21,8 @@ namespace {
 constexpr Index kKnots = 8;
 constexpr double kMoves_rad = 0.05;
 constexpr double kPayloadReach_m = 0.4; // no tool's centre of mass lies further from the flange
-constexpr double kHealthyDelay_s = 0.003, kHealthySpeed_radps = 0.2; // sigma of delay; speed that doubles ripple
+// sigma of delay; speed that doubles ripple
+constexpr double kHealthyDelay_s = 0.003, kHealthySpeed_radps = 0.2;
 constexpr double kBumpWidth_rad[] = {0.04, 0.08, 0.16};
 constexpr double kStepWidth_nm[] = {6, 15};
 constexpr double kHealthyRise_s = 0.25; // ripple rising by this share of Coulomb friction per rad/s
@@ -39,7 +40,8 @@ struct ChainColumns { std::vector<MatrixXd> body, own, link, tilt, mass; MatrixX
 Eigen::Matrix<double, 10, 1> declared(const hdt_arm_joint &j)
 {
     Eigen::Matrix<double, 10, 1> out;
-    out << j.mass_kg, Eigen::Map<const Eigen::Vector3d>(j.moment_kgm), Eigen::Map<const Eigen::Matrix<double, 6, 1>>(j.inertia_kgm2);
+    out << j.mass_kg, Eigen::Map<const Eigen::Vector3d>(j.moment_kgm),
+        Eigen::Map<const Eigen::Matrix<double, 6, 1>>(j.inertia_kgm2);
     return j.has_inertial ? out : Eigen::Matrix<double, 10, 1>::Zero();
 }
 
@@ -258,15 +260,16 @@ Signal slope_of(const hdt_arm_joint &joint)
         VectorXd out = b.dgdq.array() + spring;
         for (const hdt_arm_line &l : lines) {
             const MatrixXd x = line_columns(b.scan(), l.order_rev, l.directed);
-            out += l.amplitude_nm * l.order_rev * (std::cos(l.phase_rad) * x.col(1) - std::sin(l.phase_rad) * x.col(0));
+            out += l.amplitude_nm * l.order_rev
+                   * (std::cos(l.phase_rad) * x.col(1) - std::sin(l.phase_rad) * x.col(0));
         }
         return out;
     };
 }
 
 // Candidates of the load: payload, masses, tilt, offset, gain, springs.
-void add_load_families(std::vector<Family> *out, const hdt_arm &arm, int joint, const std::vector<std::string> &poses,
-                       const std::vector<BlockRows> &runs)
+void add_load_families(std::vector<Family> *out, const hdt_arm &arm, int joint,
+                       const std::vector<std::string> &poses, const std::vector<BlockRows> &runs)
 {
     const std::string q = name_of("q", joint);
     double declared_kg = 1e9;
@@ -286,9 +289,12 @@ void add_load_families(std::vector<Family> *out, const hdt_arm &arm, int joint, 
         return b.dir.cwiseProduct(b.gravity.cwiseAbs());
     });
     const double declared_mu = arm.joint[joint].load_mu;
-    out->back().plausible = [declared_mu](const VectorXd &th) { return declared_mu + th[0] > 0 && th[0] < kLossMost; };
-    add(out, "torque_gain", {"torque"}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.total; }, false,
-        [](const VectorXd &th) { return std::abs(th[0]) < kGainMost; });
+    out->back().plausible = [declared_mu](const VectorXd &th) {
+        return declared_mu + th[0] > 0 && th[0] < kLossMost;
+    };
+    add(
+        out, "torque_gain", {"torque"}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.total; },
+        false, [](const VectorXd &th) { return std::abs(th[0]) < kGainMost; });
     add(out, "cable_spring", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.q; });
     const Signal slope = slope_of(arm.joint[joint]);
     std::vector<Point> links;
@@ -297,8 +303,10 @@ void add_load_families(std::vector<Family> *out, const hdt_arm &arm, int joint, 
             links.push_back({0, k});
     if (!links.empty()) {
         // a link heavier all over, which every joint before it feels
-        add(out, "link_mass", poses, links, [](const BlockRows &b, Point p) -> MatrixXd { return b.link.col(p.kind); },
-            false, [](const VectorXd &th) { return th[0] > -1; });
+        add(
+            out, "link_mass", poses, links,
+            [](const BlockRows &b, Point p) -> MatrixXd { return b.link.col(p.kind); }, false,
+            [](const VectorXd &th) { return th[0] > -1; });
         out->back().chain = true;
     }
     add(out, "link_mass", {q}, {{}}, [](const BlockRows &b, Point) -> MatrixXd { return b.own; });
@@ -317,7 +325,8 @@ void add_load_families(std::vector<Family> *out, const hdt_arm &arm, int joint, 
     std::vector<Point> knees;
     for (double share : {0.5, 0.65, 0.8, 0.9})
         if (!size.empty() && size.back() > 0)
-            knees.push_back({size[static_cast<std::size_t>(share * static_cast<double>(size.size() - 1))], 0});
+            knees.push_back({size[static_cast<std::size_t>(share * static_cast<double>(size.size() - 1))],
+                             0});
     if (!knees.empty())
         add(out, "torque_saturation", {"torque"}, knees,
             [](const BlockRows &b, Point p) -> MatrixXd {
@@ -374,7 +383,8 @@ void add_ripple_families(std::vector<Family> *out, const hdt_arm &arm, int joint
     const hdt_arm_joint &aj = arm.joint[joint];
     std::vector<Point> orders;
     const auto declared = [&](double order) {
-        return std::any_of(aj.ripple, aj.ripple + aj.ripples, [&](const hdt_arm_line &r) { return r.order_rev == order; });
+        return std::any_of(aj.ripple, aj.ripple + aj.ripples,
+                           [&](const hdt_arm_line &r) { return r.order_rev == order; });
     };
     for (int directed = 0; directed < 2; ++directed) {
         for (int k = 0; k < aj.ripples; ++k)
@@ -439,8 +449,8 @@ BlockRows BlockRows::slice(Index begin, Index end) const
                         &BlockRows::dir, &BlockRows::travel, &BlockRows::gravity, &BlockRows::total,
                         &BlockRows::dgdq, &BlockRows::vibration, &BlockRows::built_up})
         s.*member = (this->*member).segment(begin, n).eval();
-    for (auto member : {&BlockRows::q_all, &BlockRows::a_all, &BlockRows::body, &BlockRows::own, &BlockRows::link,
-                        &BlockRows::tilt, &BlockRows::mass, &BlockRows::late})
+    for (auto member : {&BlockRows::q_all, &BlockRows::a_all, &BlockRows::body, &BlockRows::own,
+                        &BlockRows::link, &BlockRows::tilt, &BlockRows::mass, &BlockRows::late})
         s.*member = (this->*member).middleRows(begin, n).eval();
     return s;
 }
@@ -455,8 +465,8 @@ BlockRows BlockRows::pick(const std::vector<Index> &rows) const
                         &BlockRows::dir, &BlockRows::travel, &BlockRows::gravity, &BlockRows::total,
                         &BlockRows::dgdq, &BlockRows::vibration, &BlockRows::built_up})
         s.*member = take(this->*member, rows);
-    for (auto member : {&BlockRows::q_all, &BlockRows::a_all, &BlockRows::body, &BlockRows::own, &BlockRows::link,
-                        &BlockRows::tilt, &BlockRows::mass, &BlockRows::late})
+    for (auto member : {&BlockRows::q_all, &BlockRows::a_all, &BlockRows::body, &BlockRows::own,
+                        &BlockRows::link, &BlockRows::tilt, &BlockRows::mass, &BlockRows::late})
         s.*member = take(this->*member, rows);
     return s;
 }
@@ -552,10 +562,13 @@ Imperfections imperfections(const hdt_arm_joint &joint, const BlockRows &b)
     out.sigma[0] = inertia_kgm2;
     const VectorXd speed = b.v.cwiseAbs();
     for (int k = 0; k < joint.ripples; ++k) {
-        const double order = joint.ripple[k].order_rev, amplitude = std::abs(joint.ripple[k].amplitude_nm) + 1e-6;
-        const MatrixXd line = line_columns(b.scan(), order, false), directed = line_columns(b.scan(), order, true);
+        const double order = joint.ripple[k].order_rev;
+        const double amplitude = std::abs(joint.ripple[k].amplitude_nm) + 1e-6;
+        const MatrixXd line = line_columns(b.scan(), order, false);
+        const MatrixXd directed = line_columns(b.scan(), order, true);
         // at speed the rotor answers; wind-up by friction shifts the angle with direction
-        out.columns.middleCols(2 + 8 * k, 8) << speed.asDiagonal() * line, speed.asDiagonal() * directed, line, directed;
+        out.columns.middleCols(2 + 8 * k, 8) << speed.asDiagonal() * line, speed.asDiagonal() * directed,
+            line, directed;
         out.sigma.segment(2 + 8 * k, 4).setConstant(amplitude / kHealthySpeed_radps);
         out.sigma.segment(6 + 8 * k, 4).setConstant(0.3 * amplitude);
     }
@@ -578,9 +591,11 @@ std::vector<Family> effect_families(const hdt_arm &arm, int joint, const std::ve
             others.push_back({0, k}); // something else that the other joint swings
         }
     if (!others.empty())
-        add(&out, "coupling", {"other joints' acceleration"}, others, [](const BlockRows &b, Point p) -> MatrixXd {
-            return p.x > 0.5 ? b.mass.col(p.kind).cwiseProduct(b.a_all.col(p.kind)).eval() : b.a_all.col(p.kind).eval();
-        });
+        add(&out, "coupling", {"other joints' acceleration"}, others,
+            [](const BlockRows &b, Point p) -> MatrixXd {
+                return p.x > 0.5 ? b.mass.col(p.kind).cwiseProduct(b.a_all.col(p.kind)).eval()
+                                 : b.a_all.col(p.kind).eval();
+            });
     add_ripple_families(&out, arm, joint);
     add_axes(&out, joint, runs, arm.joints);
     return out;
@@ -615,7 +630,8 @@ std::vector<Place> strongest(std::vector<Place> places)
         if (places[i].power > 0 && lower(i - 1) && lower(i + 1))
             top.push_back(places[i]);
     }
-    std::stable_sort(top.begin(), top.end(), [](const Place &a, const Place &b) { return a.power > b.power; });
+    std::stable_sort(top.begin(), top.end(),
+                     [](const Place &a, const Place &b) { return a.power > b.power; });
     top.resize(std::min(top.size(), kPlaces));
     return top;
 }
@@ -682,7 +698,8 @@ MatrixXd turned_columns(const hdt_arm_joint &joint, const BlockRows &b)
     MatrixXd m(b.size(), 1 + 2 * static_cast<Index>(lines.size()));
     m.col(0) = b.dgdq.array() + joint.spring_nmprad;
     for (std::size_t k = 0; k < lines.size(); ++k)
-        m.middleCols(1 + 2 * static_cast<Index>(k), 2) = line_columns(b.scan(), lines[k].order_rev, lines[k].directed);
+        m.middleCols(1 + 2 * static_cast<Index>(k), 2) = line_columns(b.scan(), lines[k].order_rev,
+                                                                      lines[k].directed);
     return m;
 }
 
@@ -699,7 +716,8 @@ VectorXd turned_by(const hdt_arm_joint &joint, double angle_rad)
     return w;
 }
 
-Family offset_family(const hdt_arm_joint &joint, int number, const MatrixXd &information, const VectorXd &score)
+Family offset_family(const hdt_arm_joint &joint, int number, const MatrixXd &information,
+                     const VectorXd &score)
 {
     Family f;
     f.id = "joint_offset";
@@ -730,11 +748,13 @@ Family local_family(int joint, const std::vector<BlockRows> &runs, const std::ve
     Family f;
     f.id = "local_friction";
     f.depends_on = {name_of("q", joint), "direction"};
-    const Bins b = bins_of(runs, score, [](const BlockRows &r) { return r.q; }, [](const BlockRows &r) { return r.dir; }, 200);
+    const Bins b = bins_of(
+        runs, score, [](const BlockRows &r) { return r.q; }, [](const BlockRows &r) { return r.dir; }, 200);
     const double hi = b.lo + b.width * static_cast<double>(b.rows.size());
     std::vector<Place> places;
     for (int kind = 0; kind < 3; ++kind)
-        for (double c = b.lo + kBumpWidth_rad[kind]; c < hi - kBumpWidth_rad[kind]; c += 0.5 * kBumpWidth_rad[kind]) {
+        for (double c = b.lo + kBumpWidth_rad[kind]; c < hi - kBumpWidth_rad[kind];
+             c += 0.5 * kBumpWidth_rad[kind]) {
             double sum = 0, info = 1e-12;
             for (Index k = 0; k < b.rows.size(); ++k) {
                 const double u = (b.at(k) - c) / kBumpWidth_rad[kind], bump = std::exp(-0.5 * u * u);
@@ -763,13 +783,17 @@ Family windup_family(const std::vector<BlockRows> &runs, const std::vector<Vecto
     f.depends_on = {"load", "direction"};
     // load against the motion: the gear drives it where that is positive
     const auto driven = [](const BlockRows &r) -> VectorXd { return r.dir.cwiseProduct(r.gravity); };
-    const Bins up = bins_of(runs, score, driven, [](const BlockRows &r) -> VectorXd { return r.dir.cwiseMax(0.0); }, 200);
-    const Bins down = bins_of(runs, score, driven, [](const BlockRows &r) -> VectorXd { return r.dir.cwiseMin(0.0); }, 200);
+    const Bins up =
+        bins_of(runs, score, driven, [](const BlockRows &r) -> VectorXd { return r.dir.cwiseMax(0.0); }, 200);
+    const Bins down =
+        bins_of(runs, score, driven, [](const BlockRows &r) -> VectorXd { return r.dir.cwiseMin(0.0); }, 200);
     const double hi = up.lo + up.width * static_cast<double>(up.rows.size());
     std::vector<Place> places;
     for (int kind = 0; kind < 2; ++kind)
         for (double at = up.lo; at < hi; at += 0.5 * kStepWidth_nm[kind])
-            places.push_back({at, kind, step_power(up, at, kStepWidth_nm[kind]) + step_power(down, at, kStepWidth_nm[kind])});
+            places.push_back({at, kind,
+                              step_power(up, at, kStepWidth_nm[kind])
+                                  + step_power(down, at, kStepWidth_nm[kind])});
     f.grid_count = std::max(1.0, static_cast<double>(places.size()));
     for (const Place &p : strongest(std::move(places)))
         f.grid.push_back({p.x, p.kind});

@@ -78,7 +78,8 @@ struct Family {
     Eigen::MatrixXd roughness;         // axes: second differences of neighbours, columns x columns
     std::vector<double> knots;         // axes
     bool named() const { return id != "unnamed"; }
-    bool adoptable() const;            // the model file has a term of its own for it, so that numbers can be held to it
+    // the model file has a term of its own for it, so that numbers can be held to it
+    bool adoptable() const;
 };
 
 // In order of preference where the data cannot tell two apart.  joint is 0-based.

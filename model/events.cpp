@@ -61,13 +61,14 @@ struct Sums {
     bool usable(Index i, Index k) const { return rows[k] - rows[i] >= kMeanRows && info_of(i, k) > 1e-9; }
 };
 
-Sums sums_of(const Evidence &e, std::size_t run, const VectorXd &residual, const BlockRows &b, const Bins &bins,
-             int kind)
+Sums sums_of(const Evidence &e, std::size_t run, const VectorXd &residual, const BlockRows &b,
+             const Bins &bins, int kind)
 {
     const VectorXd x = shape(b, kind);
     MatrixXd m = MatrixXd::Zero(b.size(), bins.count);
     const Index n = bins.count;
-    Sums out{MatrixXd::Zero(n + 1, n + 1), VectorXd::Zero(n + 1), VectorXd::Zero(n + 1), VectorXd::Zero(n + 1)};
+    Sums out{MatrixXd::Zero(n + 1, n + 1), VectorXd::Zero(n + 1), VectorXd::Zero(n + 1),
+             VectorXd::Zero(n + 1)};
     for (Index t = 0; t < b.size(); ++t) {
         const Index k = bins.of[static_cast<std::size_t>(t)];
         m(t, k) = x[t];
@@ -107,7 +108,8 @@ std::vector<double> excess(const std::vector<Sums> &runs)
         for (const Sums &s : runs)
             for (Index i = 0; i + length <= s.bins(); ++i)
                 if (s.usable(i, i + length))
-                    x.push_back(s.score_of(i, i + length) * s.score_of(i, i + length) / s.info_of(i, i + length));
+                    x.push_back(s.score_of(i, i + length) * s.score_of(i, i + length)
+                                / s.info_of(i, i + length));
         double here = 1;
         if (x.size() >= enough) {
             const auto mid = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
@@ -158,7 +160,8 @@ double student_limit(std::size_t freedom)
 }
 
 // A run whose Coulomb friction or offset is far outside what the others scatter.
-void odd_runs(const JointWork &w, const std::vector<VectorXd> &residual, double least_nm, std::vector<Event> *out)
+void odd_runs(const JointWork &w, const std::vector<VectorXd> &residual, double least_nm,
+              std::vector<Event> *out)
 {
     const std::size_t n = residual.size();
     if (n < 5)
@@ -200,14 +203,16 @@ void odd_runs(const JointWork &w, const std::vector<VectorXd> &residual, double 
 struct Left { const Evidence *evidence; std::size_t run; const VectorXd *residual; const BlockRows *rows; };
 
 // The best of several stretches of one shape.
-void take_best(const Left &left, const std::vector<std::pair<double, double>> &stretches, double calm, Best *best)
+void take_best(const Left &left, const std::vector<std::pair<double, double>> &stretches, double calm,
+               Best *best)
 {
     const BlockRows &b = *left.rows;
     const VectorXd x = shape(b, best->kind);
     MatrixXd m = MatrixXd::Zero(b.size(), static_cast<Index>(stretches.size()));
     for (Index k = 0; k < m.cols(); ++k)
         for (Index t = 0; t < b.size(); ++t)
-            if (b.t_s[t] >= stretches[static_cast<std::size_t>(k)].first && b.t_s[t] < stretches[static_cast<std::size_t>(k)].second)
+            if (b.t_s[t] >= stretches[static_cast<std::size_t>(k)].first
+                && b.t_s[t] < stretches[static_cast<std::size_t>(k)].second)
                 m(t, k) = x[t];
     MatrixXd a;
     VectorXd s;
@@ -282,8 +287,8 @@ double plain_size(const BlockRows &b, const VectorXd &residual, const Best &best
     return a.llt().solve(x.transpose() * residual)[0];
 }
 
-std::optional<Event> event_from(const JointWork &w, std::size_t run, const VectorXd &residual, const Best &best,
-                                double least_nats, double least_nm)
+std::optional<Event> event_from(const JointWork &w, std::size_t run, const VectorXd &residual,
+                                const Best &best, double least_nats, double least_nm)
 {
     const BlockRows &b = w.fit[run];
     const double size = best.llr > 0 ? plain_size(b, residual, best) : 0;
@@ -321,9 +326,9 @@ std::vector<Event> find_events(const JointWork &w, const Found &axis)
     std::vector<double> calm;
     for (int kind = 0; kind < kShapes; ++kind) {
         for (std::size_t r = 0; r < residual.size(); ++r)
-            sums[kind].push_back(w.fit[r].size() < kRowsLeast
-                                     ? no_sums()
-                                     : sums_of(w.evidence(), r, residual[r], w.fit[r], bins_of(w.fit[r]), kind));
+            sums[kind].push_back(w.fit[r].size() < kRowsLeast ? no_sums()
+                                                              : sums_of(w.evidence(), r, residual[r],
+                                                                        w.fit[r], bins_of(w.fit[r]), kind));
         const std::vector<double> mine = excess(sums[kind]);
         calm.resize(mine.size(), 1);
         // one measure for all shapes, or the calmer one would win
@@ -333,11 +338,14 @@ std::vector<Event> find_events(const JointWork &w, const Found &axis)
     std::vector<Best> best;
     std::vector<double> nats;
     for (std::size_t r = 0; r < residual.size(); ++r) {
-        best.push_back(w.fit[r].size() < kRowsLeast ? Best{} : best_of(sums, {&w.evidence(), r, &residual[r], &w.fit[r]}, calm));
+        best.push_back(w.fit[r].size() < kRowsLeast
+                           ? Best{}
+                           : best_of(sums, {&w.evidence(), r, &residual[r], &w.fit[r]}, calm));
         nats.push_back(best.back().llr);
     }
     // a model that fits nowhere quite has something like an event in every run
-    const double bins = static_cast<double>(kBins), looked_at = 1.5 * bins * bins * static_cast<double>(w.fit.size());
+    const double bins = static_cast<double>(kBins);
+    const double looked_at = 1.5 * bins * bins * static_cast<double>(w.fit.size());
     const double least_nats = std::max(std::log(looked_at), kAbove * middle(nats));
     for (std::size_t r = 0; r < residual.size(); ++r)
         if (std::none_of(out.begin(), out.end(), [r](const Event &e) { return e.run_index == r; }))

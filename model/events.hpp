@@ -18,7 +18,8 @@ struct Event {
     int joint = 0;                  // 1-based
     std::string run;                // file
     double from_s = 0, to_s = 0;    // in the run's own time, to half a bin
-    std::string kind;               // "torque": joint-signed; "friction": against motion; "angle": the resolver's
+    // "torque": joint-signed; "friction": against motion; "angle": the resolver's
+    std::string kind;
     double torque_nm = 0;           // its size over the stretch; friction: magnitude, torque: joint-signed
     double angle_rad = 0;           // "angle" only
     double log_likelihood = 0;      // gained by it, beside what a search this wide finds in noise

@@ -197,7 +197,8 @@ void set_random_effects(RunRows &rows, const VectorXd &t_s, const VectorXd &dir,
 {
     const Index n = t_s.size();
     const double span = n > 0 ? t_s[n - 1] - t_s[0] : 0;
-    const Index knots = std::clamp<Index>(1 + static_cast<Index>(std::ceil(span / wander_s)), 2, kWanderKnotsMax);
+    const Index knots = std::clamp<Index>(1 + static_cast<Index>(std::ceil(span / wander_s)), 2,
+                                          kWanderKnotsMax);
     const double step = std::max(span, 1e-9) / static_cast<double>(knots - 1);
     rows.random = MatrixXd::Zero(n, 3 + 2 * knots);
     rows.random.col(0) = dir;
@@ -288,8 +289,8 @@ NoiseModel fit_noise(const std::vector<RunRows> &runs, const std::vector<MatrixX
         for (int i = 0; i < kInner; ++i) {
             sol = em_step(m, runs, prior, 2.0, var);
             // Runs cannot scatter by more than least squares leave.  Without this, large run effects make the
-            // slow part of the data worthless, the rest lets fixed effects run wild, and those ask for larger run
-            // effects.
+            // slow part of the data worthless, the rest lets fixed effects run
+            // wild, and those ask for larger run effects.
             for (int g = 0; g < RG_GROUPS; ++g)
                 var[g] = std::min(var[g], kScatterMost * left_nm2 / (g == RG_VISCOUS ? v2 : 1));
         }
@@ -306,7 +307,8 @@ NoiseModel fit_noise(const std::vector<RunRows> &runs, const std::vector<MatrixX
     return n;
 }
 
-Evidence::Evidence(std::vector<RunRows> runs, NoiseModel noise) : runs_(std::move(runs)), noise_(std::move(noise))
+Evidence::Evidence(std::vector<RunRows> runs, NoiseModel noise)
+    : runs_(std::move(runs)), noise_(std::move(noise))
 {
     for (const RunRows &r : runs_) {
         const Index nf = r.fixed.cols();
@@ -406,7 +408,8 @@ std::vector<VectorXd> Evidence::score() const
     return out;
 }
 
-void Evidence::products(std::size_t run, const MatrixXd &x, const VectorXd &residual, MatrixXd *a, VectorXd *b) const
+void Evidence::products(std::size_t run, const MatrixXd &x, const VectorXd &residual, MatrixXd *a,
+                        VectorXd *b) const
 {
     const Prepared &p = prepared_[run];
     const MatrixXd xw = whiten(noise_, runs_[run].lags, x), zx = p.half * (p.random.transpose() * xw);
@@ -522,7 +525,8 @@ MatrixXd jackknife_covariance(const Gram &g, const MatrixXd &covariance)
         const GlsFit fit = gls_fit(g, use);
         left_out.col(static_cast<Index>(r)) << fit.nuisance, fit.theta;
     }
-    const VectorXd grow = (jackknife_variance(left_out).array() / covariance.diagonal().array()).max(1.0).sqrt();
+    const VectorXd grow =
+        (jackknife_variance(left_out).array() / covariance.diagonal().array()).max(1.0).sqrt();
     return grow.asDiagonal() * covariance * grow.asDiagonal();
 }
 
@@ -539,6 +543,23 @@ double log_mean_exp(const std::vector<double> &x, double count)
     return top + std::log(sum / count);
 }
 
+namespace {
+
+// One set of coefficients for all joints from some of the runs, beside their prior.
+VectorXd theta_of_all(const std::vector<const Gram *> &g, const RunSet &use)
+{
+    MatrixXd a = g[0]->prior;
+    VectorXd b = VectorXd::Zero(g[0]->columns);
+    for (const Gram *joint : g) {
+        const Projected p = project(*joint, use);
+        a += p.a;
+        b += p.b;
+    }
+    return ridged(a).llt().solve(b);
+}
+
+} // namespace
+
 double split_log_e(const std::vector<const Gram *> &g, const std::vector<RunSet> &splits)
 {
     std::vector<double> log_e;
@@ -546,14 +567,7 @@ double split_log_e(const std::vector<const Gram *> &g, const std::vector<RunSet>
         RunSet test(train.size());
         for (std::size_t r = 0; r < train.size(); ++r)
             test[r] = static_cast<char>(!train[r]);
-        MatrixXd a = g[0]->prior;
-        VectorXd b = VectorXd::Zero(g[0]->columns);
-        for (const Gram *joint : g) {
-            const Projected p = project(*joint, train);
-            a += p.a;
-            b += p.b;
-        }
-        const VectorXd theta = ridged(a).llt().solve(b);
+        const VectorXd theta = theta_of_all(g, train);
         double sum = 0;
         for (const Gram *joint : g) {
             const Projected p = project(*joint, test);
@@ -572,7 +586,8 @@ MatrixXd taken_over(const Gram &g)
     MatrixXd sum = MatrixXd::Zero(g.nuisances + g.columns + 1, g.nuisances + g.columns + 1);
     for (const MatrixXd &m : g.plain)
         sum += m;
-    return ridged(sum.topLeftCorner(g.nuisances, g.nuisances)).llt().solve(sum.block(0, g.nuisances, g.nuisances, g.columns));
+    const MatrixXd nuisances = ridged(sum.topLeftCorner(g.nuisances, g.nuisances));
+    return nuisances.llt().solve(sum.block(0, g.nuisances, g.nuisances, g.columns));
 }
 
 } // namespace
@@ -587,14 +602,7 @@ std::vector<RunGain> leave_one_run_out(const std::vector<const Gram *> &g)
     for (std::size_t r = 0; r < runs; ++r) {
         RunSet use(runs, 1);
         use[r] = 0;
-        MatrixXd a = g[0]->prior;
-        VectorXd b = VectorXd::Zero(g[0]->columns);
-        for (const Gram *joint : g) {
-            const Projected p = project(*joint, use);
-            a += p.a;
-            b += p.b;
-        }
-        const VectorXd theta = ridged(a).llt().solve(b);
+        const VectorXd theta = theta_of_all(g, use);
         for (std::size_t j = 0; j < g.size(); ++j) {
             const Gram &c = *g[j];
             const Index nn = c.nuisances, k = c.columns, n = nn + k + 1;
@@ -607,7 +615,9 @@ std::vector<RunGain> leave_one_run_out(const std::vector<const Gram *> &g)
             without.head(nn) = -fac.solve(w.col(n - 1).head(nn));
             without[n - 1] = 1;
             with << -fac.solve(w.col(n - 1).head(nn) - w.block(0, nn, nn, k) * theta), -theta, 1;
-            const auto fall = [&](const MatrixXd &m) { return without.dot(m * without) - with.dot(m * with); };
+            const auto fall = [&](const MatrixXd &m) {
+                return without.dot(m * without) - with.dot(m * with);
+            };
             VectorXd effect = VectorXd::Zero(n);
             effect << -(beside[j] * theta), theta, 0;
             const double rows = static_cast<double>(c.rows[r]);
@@ -637,11 +647,13 @@ std::vector<double> ebh_adjusted(const std::vector<double> &log_e)
     const std::size_t n = log_e.size();
     std::vector<std::size_t> order(n);
     std::iota(order.begin(), order.end(), std::size_t{0});
-    std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return log_e[a] > log_e[b]; });
+    std::stable_sort(order.begin(), order.end(),
+                     [&](std::size_t a, std::size_t b) { return log_e[a] > log_e[b]; });
     std::vector<double> out(n, 1);
     double best = 1;
     for (std::size_t i = n; i-- > 0;) {
-        const double log_p = std::log(static_cast<double>(n)) - std::log(static_cast<double>(i + 1)) - log_e[order[i]];
+        const double log_p = std::log(static_cast<double>(n)) - std::log(static_cast<double>(i + 1))
+                             - log_e[order[i]];
         best = std::min(best, std::exp(std::min(log_p, 0.0)));
         out[order[i]] = best;
     }

@@ -75,8 +75,8 @@ public:
     // Inverse covariance times (y - nuisances), per run: a candidate's score is x' times this.
     std::vector<Eigen::VectorXd> score() const;
     // x' V^-1 x and x' V^-1 residual of one run, V the noise's covariance.
-    void products(std::size_t run, const Eigen::MatrixXd &x, const Eigen::VectorXd &residual, Eigen::MatrixXd *a,
-                  Eigen::VectorXd *b) const;
+    void products(std::size_t run, const Eigen::MatrixXd &x, const Eigen::VectorXd &residual,
+                  Eigen::MatrixXd *a, Eigen::VectorXd *b) const;
 
 private:
     std::vector<RunRows> runs_;

@@ -171,13 +171,8 @@ double stick_radius_m(const hdt_arm &arm)
 
 std::string origin_comment(const hdt_arm &arm)
 {
-    std::string hex;
-    for (uint8_t byte : arm.digest) {
-        char two[3];
-        std::snprintf(two, sizeof two, "%02x", byte);
-        hex += two;
-    }
-    return "Made by hdt export from the model file with SHA-256 " + hex + ".  Do not edit.";
+    return "Made by hdt export from the model file with SHA-256 " + hex(arm.digest, sizeof arm.digest) +
+           ".  Do not edit.";
 }
 
 // ---- URDF ----

@@ -121,7 +121,8 @@ struct hdt_arm {
 /* Read a model file.  Errors: -1 and one line in err: file:line: key: expected ..., found ... */
 int hdt_arm_load(const char *path, struct hdt_arm *arm, char *err, size_t errlen);
 
-struct hdt_gen_report { double friction_nm, ripple_nm, gravity_nm, lines_nm, curves_nm; }; /* worst quantisation error per term */
+/* worst quantisation error per term */
+struct hdt_gen_report { double friction_nm, ripple_nm, gravity_nm, lines_nm, curves_nm; };
 
 /* Fixed point from numbers.  report may be NULL.
  * Errors: -1 and one line naming the key that cannot be represented. */

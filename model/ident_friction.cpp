@@ -90,7 +90,8 @@ void search_bends(const JointFitState &j, const VectorXd &y, MatrixXd *x)
     }
 }
 
-FrictionScore score(const char *name, int numbers, const MatrixXd &x, const VectorXd &y, const JointRows &rows)
+FrictionScore score(const char *name, int numbers, const MatrixXd &x, const VectorXd &y,
+                    const JointRows &rows)
 {
     std::vector<MatrixXd> a;
     std::vector<VectorXd> b;

@@ -51,8 +51,11 @@ ordered_json to_json(const IdentResult &r)
                            {{"value", number(j.gravity_scale)}, {"sigma", number(j.gravity_scale_sigma)}}}};
         o["friction_curves"] = ordered_json::array();
         for (const FrictionScore &s : j.friction)
-            o["friction_curves"].push_back({{"curve", s.curve}, {"numbers", s.numbers}, {"rms_nm", number(s.rms_nm)},
-                                            {"left_out_nm", number(s.left_out_nm)}, {"bic", number(s.bic)}});
+            o["friction_curves"].push_back({{"curve", s.curve},
+                                            {"numbers", s.numbers},
+                                            {"rms_nm", number(s.rms_nm)},
+                                            {"left_out_nm", number(s.left_out_nm)},
+                                            {"bic", number(s.bic)}});
         o["parameters"] = ordered_json::array();
         for (const FitParameter &p : j.parameters)
             o["parameters"].push_back(parameter_json(p));
@@ -124,8 +127,9 @@ void friction_curves(const IdentResult &r, Report *report)
         row.push_back(std::min_element(j.friction.begin(), j.friction.end(), less)->curve);
         rows.push_back(row);
     }
-    report->table(rows, "The paper's three friction curves on the same rows, N m rms, all else as fitted; left out: each run "
-                        "predicted from the others. BIC counts stretches of time, not rows.");
+    report->table(rows, "The paper's three friction curves on the same rows, N m rms, all else as fitted; "
+                        "left out: each run predicted from the others. BIC counts stretches of time, not "
+                        "rows.");
 }
 
 // Means over equal steps of speed; empty steps are left out.

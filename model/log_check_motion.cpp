@@ -131,9 +131,10 @@ bool RunCheck::angle_is_torque(std::size_t j)
     if (!found)
         return false;
     const double fast = quantile_abs(c.rate, 0.98);
-    say(j, "columns_swapped", fast, joint(j).v_max_radps, "angle and torque look exchanged: the torque "
-        "column moves as the angle should, and the angle column changes by " + number(fast) + " a second where the "
-        "limit is " + number(joint(j).v_max_radps) + " rad/s; exchange q and tau");
+    say(j, "columns_swapped", fast, joint(j).v_max_radps,
+        "angle and torque look exchanged: the torque column moves as the angle should, and the angle column "
+        "changes by " + number(fast) + " a second where the limit is " + number(joint(j).v_max_radps)
+            + " rad/s; exchange q and tau");
     return true;
 }
 
@@ -173,9 +174,10 @@ void RunCheck::angle_elsewhere(std::size_t j)
                 continue;
             const std::string here = std::to_string(j + 1), there = std::to_string(i + 1);
             const std::string what = measured ? "angles or speeds" : "angles or references";
-            say(j, "columns_swapped", own.r, 1, column.name + here + " goes with the angle of joint " +
-                there + " (correlation " + number(against(i, mine).r) + "), not with its own (" + number(own.r) +
-                "): " + what + " of joints " + here + " and " + there + " look exchanged; exchange them");
+            say(j, "columns_swapped", own.r, 1,
+                column.name + here + " goes with the angle of joint " + there + " (correlation " +
+                    number(against(i, mine).r) + "), not with its own (" + number(own.r) + "): " + what +
+                    " of joints " + here + " and " + there + " look exchanged; exchange them");
             return;
         }
     }

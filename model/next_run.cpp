@@ -82,8 +82,8 @@ BlockRows rows_of(const hdt_arm &arm, int joint, const Plan &plan)
 
 // Least-squares coefficients of a rival for the effect's torque on the logs at hand, friction free.
 // Returns what is left, sum of squares.
-double imitate(const std::vector<BlockRows> &rows, const std::vector<VectorXd> &torque, const Family &f, Point at,
-               VectorXd *theta)
+double imitate(const std::vector<BlockRows> &rows, const std::vector<VectorXd> &torque, const Family &f,
+               Point at, VectorXd *theta)
 {
     MatrixXd a;
     VectorXd b;

@@ -17,7 +17,8 @@ namespace hdt {
 struct NextRun {
     std::string task;               // of `hdt host --task`; empty when no task could be made for this arm
     double payload_kg = 0;          // known, to be hung on the flange for it; 0: none
-    double separation = 0;          // least over rivals: rms of the difference beside friction, over the floor
+    // least over rivals: rms of the difference beside friction, over the floor
+    double separation = 0;
     double at_hand = 0;             // the same on the logs at hand
     std::string rival;              // the one that stays closest
 };

@@ -181,8 +181,10 @@ std::vector<Point> thin_path(const std::vector<Point> &data, const Box &box, con
     for (double step_px = 0.3;; step_px *= 2) {
         std::vector<Point> out;
         for (std::size_t i = 0; i < data.size(); ++i) {
-            const bool end = i == 0 || i + 1 == data.size() || is_gap(data[i]) || is_gap(out.back()) || is_gap(data[i + 1]);
-            if (end || std::hypot((data[i].x - out.back().x) * xs, (data[i].y - out.back().y) * ys) >= step_px)
+            const bool end = i == 0 || i + 1 == data.size() || is_gap(data[i]) || is_gap(out.back()) ||
+                             is_gap(data[i + 1]);
+            if (end ||
+                std::hypot((data[i].x - out.back().x) * xs, (data[i].y - out.back().y) * ys) >= step_px)
                 out.push_back(data[i]);
         }
         if (out.size() <= most)
@@ -299,15 +301,17 @@ double tic_step(double range, int count)
 
 bool has_impulses(const Plot &p)
 {
-    return std::any_of(p.series.begin(), p.series.end(), [](const Series &x) { return x.style == Series::Impulses; });
+    return std::any_of(p.series.begin(), p.series.end(),
+                       [](const Series &x) { return x.style == Series::Impulses; });
 }
 
 std::string axes(const Plot &p, const Box &box, bool key)
 {
-    std::string s = "set terminal svg size " + std::to_string(p.width_px) + "," + std::to_string(p.height_px) +
-                    " dynamic rounded noenhanced font 'sans-serif,12'\nset encoding utf8\n"
-                    "set border 3 lw 0.8 lc rgb '#555555'\nset tics nomirror out scale 0.6 textcolor rgb '#333333'\n"
-                    "set grid lw 0.5 lc rgb '#dddddd' dt 1\nset autoscale xfix\n";
+    std::string s =
+        "set terminal svg size " + std::to_string(p.width_px) + "," + std::to_string(p.height_px) +
+        " dynamic rounded noenhanced font 'sans-serif,12'\nset encoding utf8\n"
+        "set border 3 lw 0.8 lc rgb '#555555'\nset tics nomirror out scale 0.6 textcolor rgb '#333333'\n"
+        "set grid lw 0.5 lc rgb '#dddddd' dt 1\nset autoscale xfix\n";
     s += key ? "set key tmargin left horizontal Left reverse samplen 1.6 width 1\n" : "unset key\n";
     s += "set xlabel " + quoted(p.xlabel) + " noenhanced\nset ylabel " + quoted(p.ylabel) + " noenhanced\n";
     if (p.xmin < p.xmax)
@@ -335,7 +339,8 @@ public:
         const char *parent = std::getenv("TMPDIR");
         path_ = std::string(parent != nullptr && *parent != '\0' ? parent : "/tmp") + "/hdt-report-XXXXXX";
         if (mkdtemp(path_.data()) == nullptr)
-            throw std::runtime_error("report: cannot make the temporary directory " + path_ + ": " + std::strerror(errno));
+            throw std::runtime_error("report: cannot make the temporary directory " + path_ + ": " +
+                                     std::strerror(errno));
     }
     ~PrivateDirectory()
     {
@@ -427,7 +432,8 @@ std::string own_ids(const std::string &svg, const std::string &prefix)
 {
     std::string out;
     for (std::size_t at = 0; at < svg.size();) {
-        const std::size_t open = std::min(svg.find('<', at), svg.size()), close = std::min(svg.find('>', open), svg.size());
+        const std::size_t open = std::min(svg.find('<', at), svg.size());
+        const std::size_t close = std::min(svg.find('>', open), svg.size());
         std::string tag = svg.substr(open, close - open);
         replace_all(tag, "xlink:href", "href");
         // gnuplot writes colours as rgb(), so a # starts an id
@@ -473,7 +479,9 @@ bool is_number(const std::string &cell)
         at = end + std::strspn(end, " ");
         if (std::strcmp(at, "%") == 0 || *at == '\0')
             return true;
-        const std::size_t sign = std::strncmp(at, "\u00b1", 2) == 0 ? 2 : std::strncmp(at, "+-", 2) == 0 ? 2 : 0;
+        const std::size_t sign = std::strncmp(at, "\u00b1", 2) == 0 ? 2
+                                 : std::strncmp(at, "+-", 2) == 0   ? 2
+                                                                    : 0;
         if (sign == 0)
             return false;
         at += sign;
@@ -502,7 +510,9 @@ void Report::table(const std::vector<std::vector<std::string>> &rows, const std:
     std::size_t width = 0;
     for (const auto &row : rows)
         width = std::max(width, row.size());
-    const auto cell = [&](std::size_t r, std::size_t c) { return c < rows[r].size() ? rows[r][c] : std::string(); };
+    const auto cell = [&](std::size_t r, std::size_t c) {
+        return c < rows[r].size() ? rows[r][c] : std::string();
+    };
     body_ += "<div class=\"wide\"><table>\n<caption>" + markup_escaped(caption) + "</caption>\n";
     for (std::size_t r = 0; r < rows.size(); ++r) {
         const char *tag = r == 0 ? "th" : "td";
@@ -523,7 +533,8 @@ void Report::table(const std::vector<std::vector<std::string>> &rows, const std:
 std::vector<int> Report::colors_of(const Plot &p)
 {
     static const struct { const char *word; int color; } meanings[] = {
-        {"before", PALETTE_BEFORE}, {"after", PALETTE_AFTER}, {"measured", PALETTE_MEASURED}, {"reference", PALETTE_MEASURED}};
+        {"before", PALETTE_BEFORE}, {"after", PALETTE_AFTER},
+        {"measured", PALETTE_MEASURED}, {"reference", PALETTE_MEASURED}};
     std::vector<int> out;
     for (const Series &s : p.series) {
         int color = s.color;
@@ -565,7 +576,8 @@ std::string Report::figure(const Plot &p)
 
     const std::vector<int> color = colors_of(p);
     const double dot = 0.05 * (box.xmax > box.xmin ? box.xmax - box.xmin : 1) / p.width_px;
-    const std::size_t columns = std::min(static_cast<std::size_t>(p.width_px), vertices_max / 2 / std::max<std::size_t>(lines, 1));
+    const std::size_t columns = std::min(static_cast<std::size_t>(p.width_px),
+                                         vertices_max / 2 / std::max<std::size_t>(lines, 1));
     std::string blocks, draw;
     for (std::size_t i = 0; i < data.size(); ++i) {
         const Series &s = p.series[i];
@@ -580,12 +592,14 @@ std::string Report::figure(const Plot &p)
             data[i] = thin_path(data[i], box, p, 2 * columns);
         blocks += data_block(i, data[i], cloud ? dot : 0);
         const std::string title = s.title.empty() ? " notitle" : " title " + quoted(s.title) + " noenhanced";
-        draw += (draw.empty() ? "plot $d" : ", $d") + std::to_string(i) + " using 1:2 with " + style_of(s.style, color[i]) +
-                (cloud ? " notitle" : title);
+        draw += (draw.empty() ? "plot $d" : ", $d") + std::to_string(i) + " using 1:2 with " +
+                style_of(s.style, color[i]) + (cloud ? " notitle" : title);
         if (cloud && !s.title.empty())
-            draw += ", keyentry with points pt 7 ps 0.5 lc rgb '" + std::string(palette[color[i] % colors]) + "'" + title;
+            draw += ", keyentry with points pt 7 ps 0.5 lc rgb '" + std::string(palette[color[i] % colors]) +
+                    "'" + title;
     }
-    return open + inline_svg(run_gnuplot(axes(p, box, key) + blocks + draw + "\n"), ++figures_, p) + "</figure>\n";
+    return open + inline_svg(run_gnuplot(axes(p, box, key) + blocks + draw + "\n"), ++figures_, p) +
+           "</figure>\n";
 }
 
 void Report::plot(const Plot &p) { body_ += figure(p); }

@@ -30,7 +30,8 @@ double sinc(double x)
 // the grid: one rotation per row and order instead of a sine.
 struct DirectedSums { std::vector<std::array<double, 4>> at; }; // sin+, cos+, sin-, cos-
 
-DirectedSums line_sums(const std::vector<ScanRows> &runs, const std::vector<VectorXd> &w, const OrderGrid &grid)
+DirectedSums line_sums(const std::vector<ScanRows> &runs, const std::vector<VectorXd> &w,
+                       const OrderGrid &grid)
 {
     const std::size_t n = grid.count();
     DirectedSums s{std::vector<std::array<double, 4>>(n, {0, 0, 0, 0})};
@@ -143,7 +144,8 @@ std::vector<LineHit> scan_peaks(const OrderScan &scan, std::size_t most)
         for (std::size_t k = 0; k < p.size(); ++k)
             if ((k == 0 || p[k] >= p[k - 1]) && (k + 1 == p.size() || p[k] > p[k + 1]))
                 hits.push_back({scan.grid.first + scan.grid.step * static_cast<double>(k), kind == 1, p[k]});
-        std::stable_sort(hits.begin(), hits.end(), [](const LineHit &a, const LineHit &b) { return a.power > b.power; });
+        std::stable_sort(hits.begin(), hits.end(),
+                         [](const LineHit &a, const LineHit &b) { return a.power > b.power; });
         hits.resize(std::min(hits.size(), most));
         out.insert(out.end(), hits.begin(), hits.end());
     }
@@ -209,7 +211,8 @@ void fourier(std::vector<std::complex<double>> &x)
     }
     for (std::size_t half = 1; half < n; half *= 2)
         for (std::size_t k = 0; k < half; ++k) {
-            const std::complex<double> turn = std::polar(1.0, -0.5 * kTwoPi * static_cast<double>(k) / static_cast<double>(half));
+            const std::complex<double> turn = std::polar(1.0, -0.5 * kTwoPi * static_cast<double>(k) /
+                                                                  static_cast<double>(half));
             for (std::size_t i = k; i < n; i += 2 * half) {
                 const std::complex<double> low = x[i], high = turn * x[i + half];
                 x[i] = low + high;
@@ -233,7 +236,8 @@ TimeScan scan_times(const BlockNumbers &blocks, const std::vector<VectorXd> &sco
         std::vector<double> power, information;
         for (std::size_t k = 0; k < grid.count(); ++k) {
             const double omega = kTwoPi * grid.hz(k) * grid.block_s;
-            information.push_back(0.5 * static_cast<double>(blocks[r].size()) * noise.information(omega) + 1e-300);
+            information.push_back(0.5 * static_cast<double>(blocks[r].size()) * noise.information(omega) +
+                                  1e-300);
             power.push_back(std::norm(x[grid.first + k]) / information.back());
         }
         calm_neighbourhood(power, information);
@@ -252,7 +256,8 @@ std::vector<std::size_t> time_peaks(const TimeScan &scan, std::size_t most)
             sum[k] += run[k];
     std::vector<std::size_t> order(n), out;
     std::iota(order.begin(), order.end(), std::size_t{0});
-    std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return sum[a] > sum[b]; });
+    std::stable_sort(order.begin(), order.end(),
+                     [&](std::size_t a, std::size_t b) { return sum[a] > sum[b]; });
     for (std::size_t k : order) {
         const auto near = [k](std::size_t p) { return p < k + 8 && k < p + 8; };
         if (out.size() < most && std::none_of(out.begin(), out.end(), near))
@@ -295,7 +300,8 @@ MatrixXd line_columns(const ScanRows &rows, double order, bool directed)
 {
     MatrixXd x(rows.q_rad.size(), 2);
     for (Index t = 0; t < x.rows(); ++t) {
-        const double gain = sinc(0.5 * order * rows.v_radps[t] * rows.block_s) * (directed ? rows.dir[t] : 1.0);
+        const double gain = sinc(0.5 * order * rows.v_radps[t] * rows.block_s) *
+                            (directed ? rows.dir[t] : 1.0);
         x(t, 0) = gain * std::sin(order * rows.q_rad[t]);
         x(t, 1) = gain * std::cos(order * rows.q_rad[t]);
     }

@@ -3,7 +3,8 @@
 // Scan of the residual for torque lines locked to the output angle, of any order per output turn,
 // conservative and signed by direction; and for lines of a frequency fixed in time.
 //
-// Owns: the grids of order and frequency, the screening statistic, the columns of a line averaged over blocks.
+// Owns: the grids of order and frequency, the screening statistic,
+// the columns of a line averaged over blocks.
 // Never: decides; a line found here is one candidate among all others.
 #pragma once
 
@@ -47,8 +48,8 @@ TimeGrid time_grid(const BlockNumbers &blocks, double block_s);
 // information is the noise model's, or less where the neighbourhood of the frequency shows that the
 // model has too little noise there.
 struct TimeScan { TimeGrid grid; std::vector<std::vector<double>> power, information; };
-TimeScan scan_times(const BlockNumbers &blocks, const std::vector<Eigen::VectorXd> &score, const NoiseModel &noise,
-                    const TimeGrid &grid);
+TimeScan scan_times(const BlockNumbers &blocks, const std::vector<Eigen::VectorXd> &score,
+                    const NoiseModel &noise, const TimeGrid &grid);
 // Grid points of the strongest peaks of the power summed over runs, a resolution apart.
 std::vector<std::size_t> time_peaks(const TimeScan &scan, std::size_t most);
 // Log likelihood ratio of one run: a line of mean square amplitude 2 variance against none.

@@ -178,7 +178,8 @@ void make_stiffness(const hdt_arm_joint &joint, const std::string &key, hdt_join
         }
     }
     if (joint.windup_rad > 0)
-        out->windup_inv_q8 = fixed(key + "stiffness.travel (1 over it)", 1 / joint.windup_rad, 8, 1 / 256.0, HUGE_VAL);
+        out->windup_inv_q8 = fixed(key + "stiffness.travel (1 over it)", 1 / joint.windup_rad, 8, 1 / 256.0,
+                                   HUGE_VAL);
     out->terms |= 1u << HDT_TERM_STIFFNESS;
 }
 
@@ -352,7 +353,8 @@ void make_observer(const hdt_arm &arm, hdt_tables *t)
 {
     t->observer = (arm.observe_feedback ? 1u : 0u) << HDT_OBSERVED_FEEDBACK
                   | (arm.observe_friction ? 1u : 0u) << HDT_OBSERVED_FRICTION;
-    const double rate = arm.control_rate_hz, p = std::exp(-2 * pi * TableDefaults::observer_share * arm.velocity_cutoff_hz / rate),
+    const double rate = arm.control_rate_hz,
+                 p = std::exp(-2 * pi * TableDefaults::observer_share * arm.velocity_cutoff_hz / rate),
                  r = 1 - p;
     t->observer_gain[0] = fixed("control.velocity_cutoff", 1 - p * p * p, 30, 0, 1);
     t->observer_gain[1] = fixed("control.rate", 1.5 * r * r * (1 + p) * rate, 16, 0, 16384);
@@ -371,7 +373,8 @@ void make_inertia(const hdt_arm &arm, hdt_tables *t)
     for (int j = 0; j < n; j++) {
         Eigen::VectorXd a = zero;
         a[j] = 1;
-        const double sum = (rbd::inverse_dynamics(arm, q, zero, a) - held)[j] + reflected_inertia_kgm2(arm.joint[j]);
+        const double sum = (rbd::inverse_dynamics(arm, q, zero, a) - held)[j]
+                           + reflected_inertia_kgm2(arm.joint[j]);
         // an arm of unknown inertia: the observer goes by the counts alone
         t->joint[j].inertia_inv_q20 = sum > 1 / 1024.0 ? fixed("inertia", 1 / sum, 20) : 0;
     }

@@ -36,7 +36,8 @@ constexpr double samples_max = 2e6;        // 47 minutes at 700 Hz
 {
     std::string line = "task '" + spec + "': " + what + "; tasks are";
     for (const TaskInfo &t : task_menu())
-        line += std::string(&t == &task_menu().front() ? " " : " | ") + t.name + (*t.arguments ? ":" : "") + t.arguments;
+        line += std::string(&t == &task_menu().front() ? " " : " | ") + t.name + (*t.arguments ? ":" : "") +
+                t.arguments;
     throw InputError(line);
 }
 
@@ -186,7 +187,8 @@ double Spec::parse(const std::string &key, const std::string &value, double lo, 
     char *end = nullptr;
     const double x = std::strtod(value.c_str(), &end);
     if (value.empty() || *end != '\0' || !std::isfinite(x) || x < lo || x > hi)
-        fail(whole_, key + ": expected a number" + text(" from %g to %g", lo, hi) + ", found '" + value + "'");
+        fail(whole_,
+             key + ": expected a number" + text(" from %g to %g", lo, hi) + ", found '" + value + "'");
     return x;
 }
 
@@ -318,7 +320,8 @@ Reference empty_reference(const hdt_arm &arm, const Spec &spec, double rate_hz, 
     // a rounding error is no reason for one more sample
     const double samples = std::ceil(seconds * rate_hz - 1e-6) + 1;
     if (!(samples <= samples_max))
-        fail(spec.whole(), text("%.0f s at %g Hz is too long: at most %.0f samples", seconds, rate_hz, samples_max));
+        fail(spec.whole(),
+             text("%.0f s at %g Hz is too long: at most %.0f samples", seconds, rate_hz, samples_max));
     Reference r;
     r.rate_hz = rate_hz;
     r.name = spec.whole();
@@ -375,7 +378,8 @@ void check_clear(const hdt_arm &arm, const Reference &r)
     for (Eigen::Index i = 0; i < r.q_rad.rows(); i += step)
         if (!clearance.clear(r.q_rad.row(i).transpose()))
             fail(r.name, text("at %.2f s the arm would come within 0.05 m of its mounting plane or touch its "
-                              "base; choose another pose (q1=, q2=, ...)", static_cast<double>(i) / r.rate_hz));
+                              "base; choose another pose (q1=, q2=, ...)",
+                              static_cast<double>(i) / r.rate_hz));
 }
 
 // ---- lemniscate ----
@@ -462,7 +466,8 @@ bool inside_limits(const hdt_arm &arm, const VectorXd &q)
 
 // Every way to reach the pose that random starts find, the best first: elbow highest, then the one
 // that turns the joints least.
-std::vector<VectorXd> all_solutions(const hdt_arm &arm, const Matrix3d &rot, const Vector3d &pos, uint32_t free)
+std::vector<VectorXd> all_solutions(const hdt_arm &arm, const Matrix3d &rot, const Vector3d &pos,
+                                    uint32_t free)
 {
     struct Found { VectorXd q; double height_m; };
     std::vector<Found> found;
@@ -471,7 +476,8 @@ std::vector<VectorXd> all_solutions(const hdt_arm &arm, const Matrix3d &rot, con
     for (int k = 0; k < 150; ++k) {
         VectorXd q = VectorXd::Zero(arm.joints);
         for (int j : which)
-            q[j] = random.uniform(std::max(-pi, arm.joint[j].q_min_rad), std::min(pi, arm.joint[j].q_max_rad));
+            q[j] = random.uniform(std::max(-pi, arm.joint[j].q_min_rad),
+                                  std::min(pi, arm.joint[j].q_max_rad));
         double left;
         q = newton(arm, rot, pos, q, which, &left);
         if (left > pose_tolerance)
@@ -507,7 +513,8 @@ VectorXd curvature(const hdt_arm &arm, const VectorXd &q, const VectorXd &dq)
     return (8 * (f(1) - f(-1)) - (f(2) - f(-2))) / (12 * h);
 }
 
-Reference follow_path(const hdt_arm &arm, const Spec &spec, double rate_hz, VectorXd q, uint32_t free, double laps)
+Reference follow_path(const hdt_arm &arm, const Spec &spec, double rate_hz, VectorXd q, uint32_t free,
+                      double laps)
 {
     const Move along = Move::make(rest_s, 0, laps * 4 * pi, 1, 1.5);
     Reference r = empty_reference(arm, spec, rate_hz, along.end_s() + rest_s);
@@ -549,7 +556,8 @@ Reference lemniscate(const hdt_arm &arm, Spec &spec, double rate_hz)
     if (laps != std::floor(laps))
         fail(spec.whole(), "laps: expected a whole number");
     if (arm.joints != 6 && arm.joints != 7)
-        fail(spec.whole(), text("needs six joints, or seven with joint 3 locked; the arm has %g", arm.joints));
+        fail(spec.whole(),
+             text("needs six joints, or seven with joint 3 locked; the arm has %g", arm.joints));
     // paper section V-A: joint 3 is locked
     const uint32_t free = arm.joints == 7 ? 0x7bu : 0x3fu;
     std::string why;
@@ -564,7 +572,8 @@ Reference lemniscate(const hdt_arm &arm, Spec &spec, double rate_hz)
     }
     if (!why.empty())
         throw InputError(why);
-    fail(spec.whole(), "the arm does not reach the start of eq. (14), (0.6, 0.2, 0.1) m with the tool along x");
+    fail(spec.whole(),
+         "the arm does not reach the start of eq. (14), (0.6, 0.2, 0.1) m with the tool along x");
 }
 
 // ---- joint-space tasks ----
@@ -612,7 +621,8 @@ Reference excite(const hdt_arm &arm, Spec &spec, double rate_hz)
     const double end = seconds - rest_s, shortest_s = 1;
     const Clearance clearance(arm);
     if (!clearance.clear(home))
-        fail(spec.whole(), "the start pose touches the mounting plane or the base; choose another (q1=, q2=, ...)");
+        fail(spec.whole(),
+             "the start pose touches the mounting plane or the base; choose another (q1=, q2=, ...)");
     Random random(static_cast<uint64_t>(seed));
     std::vector<Track> tracks = standing(home);
     struct Turn { double when_s; Eigen::Index joint; Range range; };
@@ -621,7 +631,8 @@ Reference excite(const hdt_arm &arm, Spec &spec, double rate_hz)
         const Range r = share_of_range(arm.joint[j], 0.6);
         turns.push_back({rest_s, j, {std::max(r.lo, home[j] - 1.5), std::min(r.hi, home[j] + 1.5)}});
         if (!(home[j] >= r.lo && home[j] <= r.hi))
-            fail(spec.whole(), text("q%g must lie in the middle 60 %% of its range, %.3f to %.3f rad", j + 1.0, r.lo, r.hi));
+            fail(spec.whole(), text("q%g must lie in the middle 60 %% of its range, %.3f to %.3f rad",
+                                    j + 1.0, r.lo, r.hi));
     }
     for (;;) {
         Turn &turn = *std::min_element(turns.begin(), turns.end(),
@@ -667,7 +678,8 @@ Reference sweep(const hdt_arm &arm, Spec &spec, double rate_hz)
     };
     const double lo = reach(std::max(-pi / 2, range.lo)), hi = reach(std::min(pi / 2, range.hi));
     if (hi - lo < 4 * speed * ramp_s)
-        fail(spec.whole(), text("only %.3f to %.3f rad is free; choose another pose (q1=, q2=, ...)", lo, hi));
+        fail(spec.whole(),
+             text("only %.3f to %.3f rad is free; choose another pose (q1=, q2=, ...)", lo, hi));
     std::vector<Track> tracks = standing(pose);
     Track &track = tracks[static_cast<std::size_t>(j)];
     track.rest_rad = lo;
@@ -749,11 +761,13 @@ VectorXd heaviest_pose(const hdt_arm &arm, int j, const Clearance &clearance)
 Reference trapezoid(const hdt_arm &arm, Spec &spec, double rate_hz)
 {
     const int j = spec.joint(2);
-    const double distance = spec.number("distance", 1.0, -4 * pi, 4 * pi), speed = spec.number("speed", 0.1, 0.001, 10);
+    const double distance = spec.number("distance", 1.0, -4 * pi, 4 * pi);
+    const double speed = spec.number("speed", 0.1, 0.001, 10);
     const bool posed = spec.posed();
     const auto massless = [](const hdt_arm_joint &k) { return !k.has_inertial; };
     if (!posed && std::all_of(arm.joint, arm.joint + arm.joints, massless))
-        fail(spec.whole(), "the model has no masses, so its heaviest pose is not known; give the pose (q1=, q2=, ...)");
+        fail(spec.whole(),
+             "the model has no masses, so its heaviest pose is not known; give the pose (q1=, q2=, ...)");
     const Clearance clearance(arm);
     const VectorXd pose = spec.pose(posed ? neutral_pose(arm) : heaviest_pose(arm, j, clearance));
     spec.done();
@@ -791,11 +805,25 @@ struct MenuEntry { TaskInfo info; Reference (*make)(const hdt_arm &, Spec &, dou
 const std::vector<MenuEntry> &entries()
 {
     static const std::vector<MenuEntry> all = {
-        {{"lemniscate", "laps=1", "the figure eight of paper eq. (14), tool along x, joint 3 locked"}, lemniscate, false},
-        {{"excite", "seed=1,seconds=40,joints=1,2..,q1=..", "all joints at once, random moves at 0.01 to 0.4 rad/s"}, excite, true},
-        {{"sweep", "joint=J,speed=0.1,q1=..", "-90 to +90 deg and back at constant speed, paper section IV-D"}, sweep, true},
-        {{"friction", "joint=J,trials=1,q1=..", "eight speeds 0.02 to 0.4 rad/s both ways, paper section III"}, friction, true},
-        {{"trapezoid", "joint=3,distance=1,speed=0.1,q1=..", "one move from the heaviest pose, paper section V-A"}, trapezoid, true},
+        {{"lemniscate", "laps=1", "the figure eight of paper eq. (14), tool along x, joint 3 locked"},
+         lemniscate,
+         false},
+        {{"excite", "seed=1,seconds=40,joints=1,2..,q1=..",
+          "all joints at once, random moves at 0.01 to 0.4 rad/s"},
+         excite,
+         true},
+        {{"sweep", "joint=J,speed=0.1,q1=..",
+          "-90 to +90 deg and back at constant speed, paper section IV-D"},
+         sweep,
+         true},
+        {{"friction", "joint=J,trials=1,q1=..",
+          "eight speeds 0.02 to 0.4 rad/s both ways, paper section III"},
+         friction,
+         true},
+        {{"trapezoid", "joint=3,distance=1,speed=0.1,q1=..",
+          "one move from the heaviest pose, paper section V-A"},
+         trapezoid,
+         true},
         {{"hold", "seconds=10,q1=..", "stand still"}, hold, false},
     };
     return all;
@@ -823,15 +851,16 @@ Matrix3d lemniscate_rot()
     return rot;
 }
 
-VectorXd inverse_kinematics(const hdt_arm &arm, const Matrix3d &rot, const Vector3d &pos, const VectorXd &seed,
-                            uint32_t free)
+VectorXd inverse_kinematics(const hdt_arm &arm, const Matrix3d &rot, const Vector3d &pos,
+                            const VectorXd &seed, uint32_t free)
 {
     double left;
     const VectorXd q = newton(arm, rot, pos, seed, bits_of(free, arm.joints), &left);
     if (left > pose_tolerance)
         throw InputError(text("inverse kinematics: (%.3f, %.3f, %.3f) m", pos.x(), pos.y(), pos.z()) +
-                         text(" in this orientation is out of reach: %.3g (m, rad) is left; move it nearer or free "
-                              "more joints", left));
+                         text(" in this orientation is out of reach: %.3g (m, rad) is left; move it nearer "
+                              "or free more joints",
+                              left));
     return q;
 }
 

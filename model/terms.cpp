@@ -116,7 +116,8 @@ void joint_terms(const hdt_arm_joint &joint, const Sample &s, int j, double load
         term[HDT_TERM_PRESLIDING] =
             -dir * joint.presliding_nm * std::exp(-s.travel[j] / joint.presliding_rad);
     if (joint.has_stiffness && joint.windup_rad > 0) {
-        const double up = stiffness_nm(joint.stiffness[0], load_nm), down = stiffness_nm(joint.stiffness[1], load_nm);
+        const double up = stiffness_nm(joint.stiffness[0], load_nm);
+        const double down = stiffness_nm(joint.stiffness[1], load_nm);
         const double wound = s.wound.size() > j ? s.wound[j] : dir;
         term[HDT_TERM_STIFFNESS] = 0.5 * (up + down + wound * (up - down));
     }

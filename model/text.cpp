@@ -113,6 +113,17 @@ std::string number17(double value)
     return digits;
 }
 
+std::string hex(const unsigned char *bytes, std::size_t count)
+{
+    std::string out;
+    char two[3];
+    for (std::size_t i = 0; i < count; i++) {
+        std::snprintf(two, sizeof two, "%02x", bytes[i]);
+        out += two;
+    }
+    return out;
+}
+
 std::string markup_escaped(std::string_view text)
 {
     std::string out;

@@ -47,6 +47,9 @@ void append_number(std::string &out, double value);
 // Seventeen digits, which read back as the same double; no -0.
 std::string number17(double value);
 
+// Two digits a byte.
+std::string hex(const unsigned char *bytes, std::size_t count);
+
 // For text and quoted attributes of HTML and XML.  Control characters neither may hold become blanks.
 std::string markup_escaped(std::string_view text);
 

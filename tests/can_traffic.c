@@ -63,8 +63,8 @@ static void state(FILE *dump, FILE *expect, unsigned n, uint8_t type, uint64_t *
         s.axis[i].status = (uint16_t)test_random(rng);
         s.axis[i].count = n % 5 == 0 ? INT32_MIN : (int32_t)(test_random(rng) >> 32);
         s.axis[i].torque_dig = word(rng);
-        fprintf(expect, " %s_Status=%u %s_Count=%ld %s_Torque=%d", axis_name[i], s.axis[i].status, axis_name[i],
-                (long)s.axis[i].count, axis_name[i], s.axis[i].torque_dig);
+        fprintf(expect, " %s_Status=%u %s_Count=%ld %s_Torque=%d", axis_name[i], s.axis[i].status,
+                axis_name[i], (long)s.axis[i].count, axis_name[i], s.axis[i].torque_dig);
     }
     if (type == DRV_CYCLIC)
         fprintf(expect, " Driver_Status=%u", s.driver_status = (uint16_t)test_random(rng));

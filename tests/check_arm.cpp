@@ -10,12 +10,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <fstream>
 #include <functional>
 #include <sstream>
 
 #include "model/rbd.hpp"
 #include "model/terms.hpp"
+#include "model/text.hpp"
 #include "tests/check_main.h"
 #include "tests/scratch.hpp"
 
@@ -372,14 +372,6 @@ START_TEST(test_a_file_that_cannot_be_read_is_named)
 }
 END_TEST
 
-static std::string slurp(const std::string &path)
-{
-    std::ifstream in(path, std::ios::binary);
-    std::ostringstream out;
-    out << in.rdbuf();
-    return out.str();
-}
-
 // Whatever the bytes: a model, or one line of refusal.
 static void must_load_or_refuse(const std::string &text)
 {
@@ -461,7 +453,9 @@ static std::string mesh_text(const char *back_loss)
     std::string text;
     for (const auto &[name, value] : numbers) {
         const std::string key(name);
-        const char *unit = key.find("stiffness") != std::string::npos ? "N m/rad" : key.find("load") != std::string::npos ? "N m/N m" : "N m";
+        const char *unit = key.find("stiffness") != std::string::npos ? "N m/rad"
+                           : key.find("load") != std::string::npos    ? "N m/N m"
+                                                                      : "N m";
         text += "mesh." + key + " = { value = " + value + ", unit = \"" + unit
                 + "\", side = \"output\", confidence = \"low\", source = \"S\" }\n";
     }
@@ -473,7 +467,8 @@ START_TEST(test_inside_of_the_gear_is_read_whole_and_in_order)
     const std::string base = changed(29, mesh_text("1").c_str()), none = message_of(base);
     ck_assert_str_eq(none.c_str(), "");
     const std::string wrong = message_of(changed(29, mesh_text("4").c_str()));
-    ck_assert_msg(wrong.find("joint.1.mesh.back_loss: expected at most drive_loss = 3, found 4") != std::string::npos,
+    ck_assert_msg(wrong.find("joint.1.mesh.back_loss: expected at most drive_loss = 3, found 4") !=
+                      std::string::npos,
                   "%s", wrong.c_str());
     const hdt_arm arm = hdt::ArmFile::load(pa10_path).arm();
     for (int j = 0; j < arm.joints; j++) {
@@ -674,14 +669,8 @@ START_TEST(test_digest_is_that_of_sha256sum)
     std::FILE *pipe = popen("sha256sum model/arms/pa10.toml", "r");
     ck_assert(pipe != NULL && std::fscanf(pipe, "%64s", text) == 1);
     pclose(pipe);
-    std::string mine;
     const ArmFile file = ArmFile::load(pa10_path);
-    for (const uint8_t byte : file.arm().digest) {
-        char two[3];
-        std::snprintf(two, sizeof two, "%02x", byte);
-        mine += two;
-    }
-    assert_text(mine, text);
+    assert_text(hdt::hex(file.arm().digest, sizeof file.arm().digest), text);
 }
 END_TEST
 

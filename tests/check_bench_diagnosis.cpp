@@ -5,18 +5,16 @@
 // `hdt diagnose` as a process, answers counted.
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
-#include <fstream>
 #include <set>
 #include <string>
 
 #include <nlohmann/json.hpp>
 
 #include "model/arm_file.hpp"
-#include "tests/scratch.hpp"
+#include "tests/shell.hpp"
 #include "tools/bench_diagnosis.hpp"
 #include "tools/hdt_effects.hpp"
-#include "tests/check_main.h" // last: check.h defines words the C++ headers use
+#include "tests/check_main.h"
 
 using namespace hdt;
 using namespace hdt::bench;
@@ -67,12 +65,6 @@ double binomial(int n, double p, int lo, int hi)
     for (int k = lo; k <= hi; k++)
         sum += choose(n, k) * std::pow(p, k) * std::pow(1 - p, n - k);
     return sum;
-}
-
-std::string slurp(const std::string &path)
-{
-    std::ifstream in(path, std::ios::binary);
-    return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
 }
 
 } // namespace
@@ -244,9 +236,11 @@ START_TEST(test_page_counts)
     const auto holds = [&](const char *what) {
         ck_assert_msg(text.find(what) != std::string::npos, "not on the page: %s", what);
     };
-    holds("| rho 1.00: right name in the printed set | 3 of 4: 75.0 % (19.4 to 99.4) | at least 97.0 % | no |");
+    holds("| rho 1.00: right name in the printed set | 3 of 4: 75.0 % (19.4 to 99.4) | at least 97.0 % | no "
+          "|");
     holds("| rho 1.00: a wrong name | 1 of 4: 25.0 % (0.6 to 80.6) | at most 2.0 % | no |");
-    holds("| nothing hidden: a joint named | 0 of 400: 0.0 % (0.0 to 0.9) | at most 1.0 %, bound 3.0 % | yes |");
+    holds("| nothing hidden: a joint named | 0 of 400: 0.0 % (0.0 to 0.9) | at most 1.0 %, bound 3.0 % | yes "
+          "|");
     holds("| rho 0.50: right name first | no case | at least 88.0 % | no |");
     holds("* inertia@2/1/00: the rig refused");
     holds("| specimen | joint 1 | joint 2 |\n| --- | --- | --- |\n| 1 | 2.00 | 2.00 |");
@@ -278,9 +272,8 @@ END_TEST
 START_TEST(test_round_of_the_bench)
 {
     const std::string dir = scratch_dir();
-    const char *build = std::getenv("BUILD");
     Place place;
-    place.hdt = std::string(build ? build : "build") + "/hdt";
+    place.hdt = build_dir() + "/hdt";
     place.out = dir;
     place.joints = "4,6";
     place.keep = true;

@@ -17,44 +17,8 @@
 #include "driver/drv_backend.h"
 #include "driver/drv_fault.h"
 #include "driver/drv_telegram.h"
+#include "tests/bus_frames.h"
 #include "tests/check_main.h"
-
-static struct hdt_frame frame_of(unsigned len, uint64_t seed)
-{
-    struct hdt_frame f = {.len = (uint16_t)len};
-    for (unsigned i = 0; i < len; i++)
-        f.data[i] = (uint8_t)test_random(&seed);
-    return f;
-}
-
-static int send_to(const struct hdt_bus *b, const struct hdt_frame *f)
-{
-    return b->send(b->ctx, f);
-}
-
-static int recv_from(const struct hdt_bus *b, struct hdt_frame *f)
-{
-    memset(f, 0x77, sizeof *f);
-    return b->recv(b->ctx, f);
-}
-
-static void assert_same(const struct hdt_frame *a, const struct hdt_frame *b)
-{
-    ck_assert_uint_eq(a->len, b->len);
-    ck_assert_mem_eq(a->data, b->data, a->len);
-}
-
-/* Wait, at most 5 s, until something arrives or the peer goes. */
-static int recv_wait(const struct hdt_bus *b, struct hdt_frame *f)
-{
-    int e = recv_from(b, f);
-    for (int n = 0; e == HDT_BUS_ERR_AGAIN && n < 50; n++) {
-        struct pollfd p = {.fd = b->fd(b->ctx), .events = POLLIN};
-        poll(&p, 1, 100);
-        e = recv_from(b, f);
-    }
-    return e;
-}
 
 /* ---- memory bus ----------------------------------------------------------------------------- */
 
@@ -490,7 +454,9 @@ START_TEST(test_can_trim_returns_the_telegram_or_refuses)
     for (unsigned up = 0; up < 2; up++) {
         for (unsigned i = 0; i < sizeof types; i++) {
             c.type = s.type = types[i];
-            ck_assert_int_eq(up ? drv_state_encode(DRV_FORMAT_A, &s, &f) : drv_command_encode(DRV_FORMAT_A, &c, &f), 0);
+            ck_assert_int_eq(up ? drv_state_encode(DRV_FORMAT_A, &s, &f)
+                                : drv_command_encode(DRV_FORMAT_A, &c, &f),
+                             0);
             uint8_t wire[80] = {0};
             memcpy(wire, f.data, f.len);
             for (unsigned len = 0; len <= 65; len++) {

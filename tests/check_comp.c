@@ -86,8 +86,9 @@ START_TEST(test_term_agrees_with_the_double_reference)
             const double got = D(term_of(term, j, &m, Q(d.load, 16)), 16);
             const double want = ref_term(j, term, &d), error = fabs(got - want);
             worst = fmax(worst, fabs(want));
-            ck_assert_msg(error <= ref_tolerance(j, term), "term %d arm %d state %d: %.9g, expected %.9g, off %.2f LSB",
-                          term, n, k, got, want, error / LSB_NM);
+            ck_assert_msg(error <= ref_tolerance(j, term),
+                          "term %d arm %d state %d: %.9g, expected %.9g, off %.2f LSB", term, n, k, got, want,
+                          error / LSB_NM);
         }
     }
     ck_assert_double_gt(worst, 1); /* the states did excite the term */
@@ -117,7 +118,8 @@ START_TEST(test_knots_and_line_ends_are_met_on_both_sides)
                 const struct hdt_stiffness_tab *s = &j->stiffness[m.dir_q30 < 0];
                 const int32_t load = (k & 1 ? s->t1_q16 : s->t2_q16) + step;
                 d.load = D(load, 16);
-                ck_assert_double_eq_tol(D(hdt_comp_stiffness(j, &m, load), 16), ref_stiffness(j, &d), 1.1 * LSB_NM);
+                ck_assert_double_eq_tol(D(hdt_comp_stiffness(j, &m, load), 16), ref_stiffness(j, &d),
+                                        1.1 * LSB_NM);
             }
         }
     }
@@ -200,10 +202,32 @@ static void random_chain(uint64_t *r, struct hdt_motion m[], double q[], double 
     }
 }
 
+/* Of all arms of a test: as a share of what was allowed, and as it is. */
+struct worst { double share, nm; };
+
+static void assert_torques(int n, const int32_t *got_q16, const double *want_nm, double allowed_nm,
+                           struct worst *worst)
+{
+    for (uint32_t j = 0; j < arm.joints; j++) {
+        const double error = fabs(D(got_q16[j], 16) - want_nm[j]);
+        worst->share = fmax(worst->share, error / allowed_nm);
+        worst->nm = fmax(worst->nm, error);
+        ck_assert_msg(error <= allowed_nm, "arm %d joint %u: %.7f expected %.7f, allowed %.7f", n, j,
+                      D(got_q16[j], 16), want_nm[j], allowed_nm);
+    }
+}
+
+static void say_worst(const char *what, int joints, const struct worst *worst)
+{
+    if (getenv("HDT_TEST_RESIDUALS"))
+        printf("%s %d joints: %.2f of the tolerance, %.1f LSB at most\n", what, joints, worst->share,
+               worst->nm / LSB_NM);
+}
+
 START_TEST(test_gravity_is_the_gradient_of_potential_energy)
 {
     uint64_t r = 20 + (uint64_t)_i;
-    double worst = 0, worst_nm = 0;
+    struct worst worst = {0, 0};
     for (int n = 0; n < 300; n++) {
         struct hdt_motion m[HDT_JOINTS_MAX];
         double q[HDT_JOINTS_MAX], v[HDT_JOINTS_MAX], a[HDT_JOINTS_MAX], want[HDT_JOINTS_MAX];
@@ -213,23 +237,16 @@ START_TEST(test_gravity_is_the_gradient_of_potential_energy)
         random_chain(&r, m, q, v, a);
         hdt_chain_gravity(&arm, m, got);
         ref_gravity(&arm, q, want);
-        for (uint32_t j = 0; j < arm.joints; j++) {
-            const double error = fabs(D(got[j], 16) - want[j]), allowed = ref_gravity_tolerance(&arm);
-            worst = fmax(worst, error / allowed);
-            worst_nm = fmax(worst_nm, error);
-            ck_assert_msg(error <= allowed, "arm %d joint %u: %.7f expected %.7f, allowed %.7f", n, j,
-                          D(got[j], 16), want[j], allowed);
-        }
+        assert_torques(n, got, want, ref_gravity_tolerance(&arm), &worst);
     }
-    if (getenv("HDT_TEST_RESIDUALS"))
-        printf("gravity %d joints: %.2f of the tolerance, %.1f LSB at most\n", _i, worst, worst_nm / LSB_NM);
+    say_worst("gravity", _i, &worst);
 }
 END_TEST
 
 START_TEST(test_inertia_agrees_with_projection_in_the_base_frame)
 {
     uint64_t r = 40 + (uint64_t)_i;
-    double worst = 0, worst_nm = 0;
+    struct worst worst = {0, 0};
     for (int n = 0; n < 300; n++) {
         struct hdt_motion m[HDT_JOINTS_MAX];
         double q[HDT_JOINTS_MAX], v[HDT_JOINTS_MAX], a[HDT_JOINTS_MAX], want[HDT_JOINTS_MAX];
@@ -238,17 +255,9 @@ START_TEST(test_inertia_agrees_with_projection_in_the_base_frame)
         random_chain(&r, m, q, v, a);
         hdt_chain_inertia(&arm, m, got);
         ref_inertia(&arm, q, v, a, want);
-        const double allowed = ref_inertia_tolerance(&arm);
-        for (uint32_t j = 0; j < arm.joints; j++) {
-            const double error = fabs(D(got[j], 16) - want[j]);
-            worst = fmax(worst, error / allowed);
-            worst_nm = fmax(worst_nm, error);
-            ck_assert_msg(error <= allowed, "arm %d joint %u: %.7f expected %.7f, allowed %.7f", n, j,
-                          D(got[j], 16), want[j], allowed);
-        }
+        assert_torques(n, got, want, ref_inertia_tolerance(&arm), &worst);
     }
-    if (getenv("HDT_TEST_RESIDUALS"))
-        printf("inertia %d joints: %.2f of the tolerance, %.1f LSB at most\n", _i, worst, worst_nm / LSB_NM);
+    say_worst("inertia", _i, &worst);
 }
 END_TEST
 
@@ -278,7 +287,8 @@ END_TEST
 
 START_TEST(test_terms_saturate_and_never_wrap)
 {
-    /* extreme tables, as far as they are accepted, and motion: the sign of a term is the sign of its reference, its size is clamped */
+    /* extreme tables, as far as they are accepted, and motion: the sign of a term is the
+     * sign of its reference, its size is clamped */
     const int32_t edge[] = {INT32_MAX, -INT32_MAX, 1 << 30, -(1 << 30), 1, 0, -1};
     uint64_t r = 70;
     for (int n = 0; n < 20000; n++) {

@@ -74,7 +74,8 @@ static void follow(uint32_t j, struct ref_motion *m)
     double x = s->x[0];
     if (in.fresh >> j & 1) {
         if (s->seen)
-            x = t->sign * (double)(in.count[j].raw - s->count) * per_count * 1e6 / (double)(in.t_us - s->t_us);
+            x = t->sign * (double)(in.count[j].raw - s->count) * per_count * 1e6
+                / (double)(in.t_us - s->t_us);
         s->seen = 1;
         s->count = in.count[j].raw;
         s->t_us = in.t_us;
@@ -111,14 +112,20 @@ static double run_tolerance(const struct hdt_joint_tab *t, int term, const struc
     const double q = 0x1p-24, slope = fmax(fabs(D(t->stiffness[m->dir < 0].slope_q24[0], 24)), 2);
     switch (term) {
     case HDT_TERM_GRAVITY: return chain;
-    /* the wind-up's travel loses up to half a q30 a period times 1/travel; curves move 10 N.m a knot at most */
+    /* the wind-up's travel loses up to half a q30 a period times
+     * 1/travel; curves move 10 N.m a knot at most */
     case HDT_TERM_STIFFNESS: return 1.6 * LSB_NM + slope * chain + (t->windup_inv_q8 != 0 ? 1e-3 : 0);
     case HDT_TERM_LOCAL: return 1.1 * LSB_NM + 10 / (double)(1u << t->local[m->dir < 0].shift);
     case HDT_TERM_TABLE:
-        return 1.1 * LSB_NM + (t->axis == HDT_AXIS_PHASE || t->axis == HDT_AXIS_SPEED ? 0
-                               : 10 / (double)(1u << t->table.shift) * (t->axis == HDT_AXIS_LOAD ? chain / LSB_NM + 1 : 1));
+        return 1.1 * LSB_NM
+               + (t->axis == HDT_AXIS_PHASE || t->axis == HDT_AXIS_SPEED
+                      ? 0
+                      : 10 / (double)(1u << t->table.shift)
+                            * (t->axis == HDT_AXIS_LOAD ? chain / LSB_NM + 1 : 1));
     case HDT_TERM_LOAD: return 1.1 * LSB_NM + D(t->load_mu_q24, 24) * chain;
-    case HDT_TERM_TEMPERATURE: return 1.6 * LSB_NM + 4e-5 * (fabs(D(t->cold_coulomb_q16, 16)) + fabs(D(t->cold_viscous_q16, 16) * m->v_ref));
+    case HDT_TERM_TEMPERATURE:
+        return 1.6 * LSB_NM
+               + 4e-5 * (fabs(D(t->cold_coulomb_q16, 16)) + fabs(D(t->cold_viscous_q16, 16) * m->v_ref));
     case HDT_TERM_PRESLIDING: return ref_tolerance(t, term) + 1e-4 * fabs(D(t->presliding_q16, 16));
     case HDT_TERM_SPRING: return 0.6 * LSB_NM + fabs(D(t->spring_q16, 16)) * q;
     case HDT_TERM_P: return 0.6 * LSB_NM + D(t->kp_q16, 16) * q;
@@ -153,13 +160,15 @@ static void assert_period_agrees(int n, int k)
         ck_assert_double_eq_tol(D(out.v[j].raw, 24), m[j].v, 1e-5);
         for (int term = 0; term < HDT_TERMS; term++) {
             /* at a corner of the three lines either side is right */
-            if (term == HDT_TERM_STIFFNESS && (fabs(m[j].load - D(t->stiffness[m[j].dir < 0].t1_q16, 16)) < chain ||
-                                               fabs(m[j].load - D(t->stiffness[m[j].dir < 0].t2_q16, 16)) < chain))
+            if (term == HDT_TERM_STIFFNESS
+                && (fabs(m[j].load - D(t->stiffness[m[j].dir < 0].t1_q16, 16)) < chain
+                    || fabs(m[j].load - D(t->stiffness[m[j].dir < 0].t2_q16, 16)) < chain))
                 continue;
             const double got = D(out.term[term][j].raw, 16), want = ref_term(t, term, &m[j]);
             const double allowed = term == HDT_TERM_INERTIA ? rigid : run_tolerance(t, term, &m[j], chain);
-            ck_assert_msg(fabs(got - want) <= allowed, "arm %d period %d joint %u %s: %.7f expected %.7f +- %.7f",
-                          n, k, j, hdt_term_str(term), got, want, allowed);
+            ck_assert_msg(fabs(got - want) <= allowed,
+                          "arm %d period %d joint %u %s: %.7f expected %.7f +- %.7f", n, k, j,
+                          hdt_term_str(term), got, want, allowed);
         }
         for (int term = 0; term < HDT_TERMS; term++)
             total += out.term[term][j].raw;
@@ -267,7 +276,8 @@ START_TEST(test_observer_follows_the_arm_through_modes_faults_and_jumps)
                 if (k > 950 && k < 1300) /* no torque under the fault: nothing but the counts */
                     ck_assert_double_eq_tol(D(out.v_obs[j].raw, 24), speed, 0.02);
                 if (k > 950 && k < 1300)
-                    ck_assert_int_eq(out.term[HDT_TERM_FRICTION][j].raw > 0, bits >> HDT_OBSERVED_FRICTION & 1);
+                    ck_assert_int_eq(out.term[HDT_TERM_FRICTION][j].raw > 0,
+                                     bits >> HDT_OBSERVED_FRICTION & 1);
             }
         }
         ck_assert_uint_eq(out.fault & HDT_FAULT_SERVO, HDT_FAULT_SERVO);
@@ -312,7 +322,8 @@ START_TEST(test_a_joint_alone_is_the_joint_in_the_crowd)
     for (int n = 0; n < 50; n++) {
         ref_random_arm(&r, 8, &arm);
         for (uint32_t j = 0; j < 8; j++)
-            arm.joint[j].terms &= ~(1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_INERTIA | 1u << HDT_TERM_STIFFNESS | 1u << HDT_TERM_LOAD | 1u << HDT_TERM_TABLE);
+            arm.joint[j].terms &= ~(1u << HDT_TERM_GRAVITY | 1u << HDT_TERM_INERTIA | 1u << HDT_TERM_STIFFNESS
+                                    | 1u << HDT_TERM_LOAD | 1u << HDT_TERM_TABLE);
         arm.stale_periods = 100;
         alone = arm;
         alone.joints = 1;
@@ -547,7 +558,8 @@ START_TEST(test_observer_starts_where_the_arm_is)
     in.mode = HDT_MODE_IDLE;
     for (int sign = -1; sign <= 1; sign += 2) {
         ck_assert_int_eq(hdt_init(&core, &arm), HDT_OK);
-        in.count[0].raw = arm.joint[0].zero_cnt + sign * (int32_t)(0.2 / D(arm.joint[0].rad_per_count_q44, 44));
+        in.count[0].raw = arm.joint[0].zero_cnt
+                          + sign * (int32_t)(0.2 / D(arm.joint[0].rad_per_count_q44, 44));
         for (int k = 0; k < 20; k++) {
             ck_assert_int_eq(tick(), HDT_OK);
             ck_assert_double_eq_tol(D(out.q[0].raw, 24), sign * 0.2, 1e-3);

@@ -359,7 +359,9 @@ START_TEST(test_a_driver_that_does_not_know_clear_is_not_waited_for)
     /* one 'A' an axis, as long apart as any question is repeated, then control mode */
     for (unsigned k = 0; k <= 2 * DRV_CYCLE_RETRY; k++) {
         rig_period(&r);
-        ck_assert_uint_eq(r.sent.type, k % DRV_CYCLE_RETRY != 0 ? 0 : k < 2 * DRV_CYCLE_RETRY ? DRV_CLEAR : DRV_START);
+        ck_assert_uint_eq(r.sent.type, k % DRV_CYCLE_RETRY != 0  ? 0
+                                       : k < 2 * DRV_CYCLE_RETRY ? DRV_CLEAR
+                                                                 : DRV_START);
         ck_assert_uint_eq(r.sent.axis_no, k == 0 ? 2 : k == DRV_CYCLE_RETRY ? 6 : r.sent.axis_no);
     }
     ck_assert_uint_eq(r.c.count.lost, 3);

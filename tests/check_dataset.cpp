@@ -9,7 +9,7 @@
 
 #include "model/dataset.hpp"
 
-#include "tests/check_main.h" // last: check.h defines a macro named fail
+#include "tests/check_main.h"
 
 using hdt::Conditioned;
 using hdt::Run;
@@ -255,7 +255,8 @@ START_TEST(test_every_row_is_valid_or_counted_once)
     run.joint[0].tau_nm[1234] += 50;
     Conditioned c = hdt::condition(run, small_arm(1), {});
     const hdt::MaskCount &m = c.masked[0];
-    ck_assert_uint_eq(m.gap + m.spike + m.saturated + m.standstill + static_cast<std::size_t>(c.valid.count()),
+    ck_assert_uint_eq(m.gap + m.spike + m.saturated + m.standstill +
+                          static_cast<std::size_t>(c.valid.count()),
                       run.rows());
 }
 END_TEST

@@ -5,8 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <fstream>
-#include <iterator>
 #include <string>
 
 #include <nlohmann/json.hpp>
@@ -15,7 +13,7 @@
 #include "tests/planar_arm.hpp"
 #include "tests/scratch.hpp"
 
-#include "tests/check_main.h" // last: check.h defines words the C++ headers use
+#include "tests/check_main.h"
 
 using namespace hdt;
 using planar::Hidden;
@@ -35,11 +33,13 @@ const ArmFile &upright_arm()
     return file;
 }
 
-Diagnosis run_diagnosis(const Hidden &hidden, const Noise &noise, unsigned long seed, int fit_runs = 6, double seconds = 30)
+Diagnosis run_diagnosis(const Hidden &hidden, const Noise &noise, unsigned long seed, int fit_runs = 6,
+                        double seconds = 30)
 {
     std::vector<Run> fit, test;
     for (int i = 0; i < fit_runs + 2; ++i)
-        (i < fit_runs ? fit : test).push_back(planar::make_run(hidden, noise, 1000 * seed + static_cast<unsigned long>(i), seconds));
+        (i < fit_runs ? fit : test).push_back(
+            planar::make_run(hidden, noise, 1000 * seed + static_cast<unsigned long>(i), seconds));
     return diagnose(arm(), fit, test, {});
 }
 
@@ -57,7 +57,13 @@ const EffectParameter *parameter(const JointDiagnosis &j, const std::string &id,
     return nullptr;
 }
 
-struct Truth { const char *id; Hidden hidden; const char *parameter; double value; int size_tolerance_sigma; };
+struct Truth {
+    const char *id;
+    Hidden hidden;
+    const char *parameter;
+    double value;
+    int size_tolerance_sigma;
+};
 
 std::vector<Truth> truths()
 {
@@ -96,7 +102,8 @@ struct Case { const char *id; Hidden hidden; double delay_s; const char *paramet
 std::vector<Case> cases()
 {
     std::vector<Case> c;
-    const auto add = [&](const char *id, double Hidden::*size, double value, const char *parameter = "", double expected = 0) {
+    const auto add = [&](const char *id, double Hidden::*size, double value, const char *parameter = "",
+                         double expected = 0) {
         Hidden h;
         h.*size = value;
         c.push_back({id, h, 0, parameter, expected});
@@ -121,10 +128,18 @@ std::vector<Case> cases()
     return c;
 }
 
-std::string slurp(const std::string &path)
+// Of y = slope * x + any constant.
+double slope(const std::vector<double> &x, const std::vector<double> &y)
 {
-    std::ifstream in(path, std::ios::binary);
-    return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+    const double n = static_cast<double>(x.size());
+    double sx = 0, sy = 0, sxx = 0, sxy = 0;
+    for (std::size_t k = 0; k < x.size(); ++k) {
+        sx += x[k];
+        sy += y[k];
+        sxx += x[k] * x[k];
+        sxy += x[k] * y[k];
+    }
+    return (sxy - sx * sy / n) / (sxx - sx * sx / n);
 }
 
 } // namespace
@@ -156,19 +171,24 @@ START_TEST(test_nothing_hidden_is_nothing_named)
                 refitted += j.friction_refitted;
             }
             for (const RunEvent &e : j.events)
-                printf("noise %d seed %lu joint %d: event %s %g..%g s %s %g N.m, %g nats\n", _i, seed, j.joint, e.run.c_str(),
-                       e.from_s, e.to_s, e.kind.c_str(), e.torque_nm, e.log_likelihood);
+                printf("noise %d seed %lu joint %d: event %s %g..%g s %s %g N.m, %g nats\n", _i, seed,
+                       j.joint, e.run.c_str(), e.from_s, e.to_s, e.kind.c_str(), e.torque_nm,
+                       e.log_likelihood);
             events += static_cast<int>(j.events.size());
         }
     }
     // expected 0.05 * 24 = 1.2
     ck_assert_int_le(named, 2);
     ck_assert_int_le(events, 1);
-    ck_assert_int_le(refitted, 4);
+    // over 72 seeds of each noise one joint of 720 had its friction refitted, so 0.7 % at most (95 %): two of
+    // these 24 would come once in ninety
+    printf("noise %d: friction refitted in %d of 24 joints\n", _i, refitted);
+    ck_assert_int_le(refitted, 1);
 }
 END_TEST
 
-// Friction that is larger all over has no name, but goes into the model, and fresh runs are the better for it.
+// Friction that is larger all over has no name, but goes into the
+// model, and fresh runs are the better for it.
 START_TEST(test_changed_friction_is_taken_over)
 {
     Hidden grown;
@@ -183,9 +203,11 @@ START_TEST(test_changed_friction_is_taken_over)
     for (unsigned long i = 0; i < 6; ++i)
         (i < 4 ? fit : test).push_back(planar::make_run(grown, {}, 64100 + i, 20));
     const JointDiagnosis again = diagnose(d.model, fit, test, {}).joints[0];
-    ck_assert_msg(again.rms_before_nm < 0.7 * j.rms_before_nm && !again.friction_refitted, "%s", again.words.c_str());
+    ck_assert_msg(again.rms_before_nm < 0.7 * j.rms_before_nm && !again.friction_refitted, "%s",
+                  again.words.c_str());
     for (int way = 0; way < 2; ++way)
-        ck_assert_double_lt(std::abs(d.model.arm().joint[0].friction[way].f0_nm - 1.06 * planar::kF0[0][way]), 1);
+        ck_assert_double_lt(std::abs(d.model.arm().joint[0].friction[way].f0_nm - 1.06 * planar::kF0[0][way]),
+                            1);
 }
 END_TEST
 
@@ -202,11 +224,14 @@ START_TEST(test_chain_effects_are_adopted_for_the_whole_arm)
             (i < 6 ? fit : test).push_back(planar::make_run(h, {}, 53000 + i, 30));
         const Diagnosis d = diagnose(tilt ? upright_arm() : arm(), fit, test, {});
         for (const JointDiagnosis &j : d.joints)
-            ck_assert_msg((!tilt && j.joint == 2) || (j.effects.at(0).id == (tilt ? "base_tilt" : "link_mass") && j.effects[0].adopted),
+            ck_assert_msg((!tilt && j.joint == 2) ||
+                              (j.effects.at(0).id == (tilt ? "base_tilt" : "link_mass") &&
+                               j.effects[0].adopted),
                           "joint %d: %s", j.joint, j.words.c_str());
         const hdt_arm found = d.model.arm();
         if (tilt) {
-            ck_assert_double_eq_tol(std::hypot(found.gravity_mps2[0], found.gravity_mps2[2]), planar::kG, 1e-3);
+            ck_assert_double_eq_tol(std::hypot(found.gravity_mps2[0], found.gravity_mps2[2]), planar::kG,
+                                    1e-3);
             ck_assert_double_eq_tol(std::atan2(found.gravity_mps2[0], -found.gravity_mps2[2]), -0.03, 0.004);
         } else {
             const double more = 0.25 / planar::kC[0];
@@ -217,7 +242,8 @@ START_TEST(test_chain_effects_are_adopted_for_the_whole_arm)
             for (std::size_t i = 0; i < runs->size(); ++i)
                 (*runs)[i] = planar::make_run(h, {}, (runs == &fit ? 54000 : 54100) + i, 20);
         for (const JointDiagnosis &j : diagnose(d.model, fit, test, {}).joints)
-            ck_assert_msg(j.verdict == "nothing" || j.effects[0].rms_nm < 0.25, "joint %d: %s", j.joint, j.words.c_str());
+            ck_assert_msg(j.verdict == "nothing" || j.effects[0].rms_nm < 0.25, "joint %d: %s", j.joint,
+                          j.words.c_str());
     }
 }
 END_TEST
@@ -259,7 +285,8 @@ START_TEST(test_effect_hidden_is_effect_named)
     ck_assert_int_ge(first, seeds - 1);
     ck_assert_double_lt(std::sqrt(after / before), 0.9);
     std::sort(off.begin(), off.end());
-    ck_assert_msg(off[off.size() / 2] < t.size_tolerance_sigma, "%s: %g sigma off", t.id, off[off.size() / 2]);
+    ck_assert_msg(off[off.size() / 2] < t.size_tolerance_sigma, "%s: %g sigma off", t.id,
+                  off[off.size() / 2]);
 }
 END_TEST
 
@@ -272,15 +299,17 @@ START_TEST(test_adopted_model_leaves_nothing_on_fresh_runs)
             (i < 5 ? fit : test).push_back(planar::make_run(t.hidden, {}, 77000 + i, 20));
         const Diagnosis again = diagnose(d.model, fit, test, {});
         for (const JointDiagnosis &j : again.joints)
-            ck_assert_msg(j.verdict == "nothing" || j.effects[0].rms_nm < 0.25, "%s: joint %d: %s", t.id, j.joint, j.words.c_str());
+            ck_assert_msg(j.verdict == "nothing" || j.effects[0].rms_nm < 0.25, "%s: joint %d: %s", t.id,
+                          j.joint, j.words.c_str());
         // a spring's rest must not stay behind as unequal friction
         const hdt_arm_friction *f = d.model.arm().joint[0].friction;
         if (std::string(t.id) == "cable_spring")
-            ck_assert_double_lt(std::abs(f[0].f0_nm - f[1].f0_nm - (planar::kF0[0][0] - planar::kF0[0][1])), 0.5);
+            ck_assert_double_lt(std::abs(f[0].f0_nm - f[1].f0_nm - (planar::kF0[0][0] - planar::kF0[0][1])),
+                                0.5);
         // friction went into the file with the effect: fitting it again gains no more than runs scatter
         const JointDiagnosis &j = again.joints[0];
-        ck_assert_msg(j.rms_before_nm * j.rms_before_nm < j.rms_refit_nm * j.rms_refit_nm + 0.45, "%s: %g, with friction fitted again %g",
-                      t.id, j.rms_before_nm, j.rms_refit_nm);
+        ck_assert_msg(j.rms_before_nm * j.rms_before_nm < j.rms_refit_nm * j.rms_refit_nm + 0.45,
+                      "%s: %g, with friction fitted again %g", t.id, j.rms_before_nm, j.rms_refit_nm);
     }
 }
 END_TEST
@@ -307,7 +336,8 @@ START_TEST(test_what_few_runs_show_is_not_named)
     for (unsigned long k = 0; k < 2; ++k)
         fit.push_back(planar::make_run(h, {}, 53000 + k));
     const Diagnosis d = diagnose(arm(), fit, test, {});
-    ck_assert_msg(d.joints[0].verdict != "named" && d.joints[0].verdict != "unnamed", "%s", d.joints[0].words.c_str());
+    ck_assert_msg(d.joints[0].verdict != "named" && d.joints[0].verdict != "unnamed", "%s",
+                  d.joints[0].words.c_str());
     ck_assert(!d.model.has("joint.1.effect"));
 }
 END_TEST
@@ -321,7 +351,8 @@ START_TEST(test_every_effect_of_the_contract_can_be_named)
     // the fastest moves show the square of speed, and few of six runs have them
     const unsigned long runs = c.hidden.square != 0 ? 12 : 6;
     for (unsigned long i = 0; i < runs + 2; ++i)
-        (i < runs ? fit : test).push_back(planar::make_run(c.hidden, noise, 31000 + 100 * static_cast<unsigned long>(_i) + i, 30));
+        (i < runs ? fit : test).push_back(
+            planar::make_run(c.hidden, noise, 31000 + 100 * static_cast<unsigned long>(_i) + i, 30));
     const Diagnosis d = diagnose(c.hidden.tilt_rad != 0 ? upright_arm() : arm(), fit, test, {});
     const JointDiagnosis &j = d.joints[0];
     ck_assert_msg(j.verdict == "named", "%s: %s %s", c.id, j.verdict.c_str(), j.words.c_str());
@@ -331,11 +362,12 @@ START_TEST(test_every_effect_of_the_contract_can_be_named)
         const EffectParameter *p = parameter(j, c.id, c.parameter);
         ck_assert_ptr_nonnull(p);
         ck_assert_double_gt(p->sigma, 0);
-        ck_assert_msg(std::abs(p->value - c.value) < 4 * p->sigma + 0.1 * std::abs(c.value), "%s: %s", c.id, j.words.c_str());
+        ck_assert_msg(std::abs(p->value - c.value) < 4 * p->sigma + 0.1 * std::abs(c.value), "%s: %s", c.id,
+                      j.words.c_str());
     }
     // only what a model can hold is in the model
-    const std::vector<std::string> holds = {"torque_offset", "base_tilt", "link_mass", "local_friction", "viscous_nonlinear",
-                                            "stribeck_shape"};
+    const std::vector<std::string> holds = {"torque_offset",  "base_tilt",         "link_mass",
+                                            "local_friction", "viscous_nonlinear", "stribeck_shape"};
     ck_assert_int_eq(j.effects[0].adopted, has(holds, c.id));
     if (!j.effects[0].adopted)
         return;
@@ -344,8 +376,9 @@ START_TEST(test_every_effect_of_the_contract_can_be_named)
         for (std::size_t i = 0; i < list->size(); ++i)
             (*list)[i] = planar::make_run(c.hidden, noise, (list == &fit ? 32000u : 32100u) + i, 20);
     const JointDiagnosis again = diagnose(d.model, fit, test, {}).joints[0];
-    ck_assert_msg(again.rms_before_nm < std::max(0.8 * j.rms_before_nm, 1.1 * again.rms_refit_nm), "%s: %g as adopted, %g before, %g with friction fitted again",
-                  c.id, again.rms_before_nm, j.rms_before_nm, again.rms_refit_nm);
+    ck_assert_msg(again.rms_before_nm < std::max(0.8 * j.rms_before_nm, 1.1 * again.rms_refit_nm),
+                  "%s: %g as adopted, %g before, %g with friction fitted again", c.id, again.rms_before_nm,
+                  j.rms_before_nm, again.rms_refit_nm);
 }
 END_TEST
 
@@ -364,7 +397,8 @@ START_TEST(test_event_is_found_where_it_was)
     h.to_s = k.to_s;
     std::vector<Run> fit, test;
     for (unsigned long i = 0; i < 8; ++i)
-        (i < 6 ? fit : test).push_back(planar::make_run(i == 2 ? h : Hidden{}, {}, 41000 + 10 * static_cast<unsigned long>(_i) + i, 30));
+        (i < 6 ? fit : test).push_back(
+            planar::make_run(i == 2 ? h : Hidden{}, {}, 41000 + 10 * static_cast<unsigned long>(_i) + i, 30));
     const Diagnosis d = diagnose(arm(), fit, test, {});
     const JointDiagnosis &j = d.joints[0];
     ck_assert_msg(j.events.size() == 1, "%d events: %s", static_cast<int>(j.events.size()), j.words.c_str());
@@ -373,9 +407,12 @@ START_TEST(test_event_is_found_where_it_was)
     ck_assert_str_eq(e.kind.c_str(), k.kind);
     // a slip does not show where gravity hardly changes with the angle
     const double near_s = std::string(k.kind) == "angle" ? 2 : 1.2;
-    ck_assert_msg(std::abs(e.from_s - k.from_s) < near_s && std::abs(e.to_s - std::min(k.to_s, 30.0)) < near_s, "%s", j.words.c_str());
+    ck_assert_msg(std::abs(e.from_s - k.from_s) < near_s &&
+                      std::abs(e.to_s - std::min(k.to_s, 30.0)) < near_s,
+                  "%s", j.words.c_str());
     // a joint that is ahead of its resolver: the resolver is behind
-    ck_assert_msg(std::abs((std::string(k.kind) == "angle" ? -e.angle_rad : e.torque_nm) / k.value - 1) < 0.3, "%s", j.words.c_str());
+    ck_assert_msg(std::abs((std::string(k.kind) == "angle" ? -e.angle_rad : e.torque_nm) / k.value - 1) < 0.3,
+                  "%s", j.words.c_str());
     ck_assert_str_eq(j.verdict.c_str(), "nothing");
     ck_assert(!d.model.has("joint.1.effect"));
     ck_assert(j.words.find(e.run) != std::string::npos);
@@ -396,7 +433,8 @@ START_TEST(test_event_does_not_hide_an_effect)
     const JointDiagnosis j = diagnose(arm(), fit, test, {}).joints[0];
     ck_assert_str_eq(j.effects.at(0).id.c_str(), "cable_spring");
     ck_assert_uint_eq(j.events.size(), 1);
-    const EffectParameter *k = parameter(j, "cable_spring", "stiffness_nmprad"), *rest = parameter(j, "cable_spring", "rest_rad");
+    const EffectParameter *k = parameter(j, "cable_spring", "stiffness_nmprad"),
+                          *rest = parameter(j, "cable_spring", "rest_rad");
     ck_assert_double_lt(std::abs(k->value - 2), 3.5 * k->sigma);
     // a rest is known no better than Coulomb friction of both directions
     ck_assert_double_gt(rest->sigma, 0.01);
@@ -415,10 +453,12 @@ START_TEST(test_next_run_is_a_task_with_a_prediction)
     for (const std::string &a : j.ambiguous_with)
         for (const Effect &e : j.effects)
             ck_assert_msg(a != e.id, "%s is named and doubted: %s", a.c_str(), j.words.c_str());
-    ck_assert_msg(j.next_experiment.find("hdt host --model ") != std::string::npos || j.next_experiment.rfind("no task", 0) == 0,
+    ck_assert_msg(j.next_experiment.find("hdt host --model ") != std::string::npos ||
+                      j.next_experiment.rfind("no task", 0) == 0,
                   "%s", j.next_experiment.c_str());
     if (!j.ambiguous_with.empty())
-        ck_assert_msg(j.next_experiment.find("of the noise floor apart") != std::string::npos, "%s", j.next_experiment.c_str());
+        ck_assert_msg(j.next_experiment.find("of the noise floor apart") != std::string::npos, "%s",
+                      j.next_experiment.c_str());
 }
 END_TEST
 
@@ -438,6 +478,35 @@ START_TEST(test_what_no_name_explains_is_localised)
         ck_assert_double_lt(std::abs(e.table_x[static_cast<std::size_t>(top)] - 0.3), 0.45);
         ck_assert_double_lt(j.rms_after_nm, 0.85 * j.rms_before_nm);
         ck_assert(!e.adopted);
+    }
+}
+END_TEST
+
+// A curve found beside a torque gain of 1.25 is told, and goes into the file, as the torque it is: 1.25
+// times what the reported torque shows of it.
+START_TEST(test_curve_beside_a_gain_has_its_own_size)
+{
+    Hidden h;
+    h.gain = 0.25;
+    h.own_friction_nm = 4;
+    for (unsigned long seed = 85; seed <= 87; ++seed) {
+        const Diagnosis d = run_diagnosis(h, {}, seed, 8);
+        const JointDiagnosis &j = d.joints[0];
+        ck_assert_msg(j.verdict == "unnamed" && j.effects[0].id == "torque_gain", "%s", j.words.c_str());
+        const Effect &curve = j.effects.back();
+        ck_assert_msg(curve.axis == "q1,direction" && curve.adopted, "%s", j.words.c_str());
+        const auto hidden_nm = [&](double q_rad) { return h.own_friction_nm * q_rad * q_rad * q_rad; };
+        std::vector<double> at_knots, at_points;
+        for (double q_rad : curve.table_x)
+            at_knots.push_back(hidden_nm(q_rad));
+        const std::vector<double> span = d.model.get("joint.1.table.over_position").value;
+        const std::vector<double> written_nm = d.model.get("joint.1.table.torque").value;
+        const double step = (span[1] - span[0]) / static_cast<double>(written_nm.size() - 1);
+        for (std::size_t k = 0; k < written_nm.size(); ++k)
+            at_points.push_back(hidden_nm(span[0] + step * static_cast<double>(k)));
+        // eight straight pieces on a cube: 0.99 to 1.07 over twelve seeds; a constant is Coulomb friction's
+        ck_assert_double_eq_tol(slope(at_knots, curve.table_nm), 1, 0.1);
+        ck_assert_double_eq_tol(slope(at_points, written_nm), 1, 0.1);
     }
 }
 END_TEST
@@ -585,10 +654,12 @@ static Suite *diagnose_suite(void)
     tcase_add_test(effects, test_chain_effects_are_adopted_for_the_whole_arm);
     tcase_add_test(effects, test_adopted_model_leaves_nothing_on_fresh_runs);
     tcase_add_test(effects, test_what_no_name_explains_is_localised);
+    tcase_add_test(effects, test_curve_beside_a_gain_has_its_own_size);
     suite_add_tcase(s, effects);
     TCase *menu = tcase_create("menu");
     tcase_set_timeout(menu, 120);
-    tcase_add_loop_test(menu, test_every_effect_of_the_contract_can_be_named, 0, static_cast<int>(cases().size()));
+    tcase_add_loop_test(menu, test_every_effect_of_the_contract_can_be_named, 0,
+                        static_cast<int>(cases().size()));
     suite_add_tcase(s, menu);
     TCase *events = tcase_create("events");
     tcase_set_timeout(events, 120);

@@ -7,7 +7,7 @@
 #include <random>
 
 #include "model/evidence.hpp"
-#include "tests/check_main.h" // last: check.h defines words the C++ headers use
+#include "tests/check_main.h"
 
 using namespace hdt;
 using Eigen::Index;
@@ -97,7 +97,10 @@ START_TEST(test_whitening_undoes_the_process_exactly)
     for (Index i = 0; i < rows; ++i)
         lags.push_back(static_cast<int>(std::min<Index>(i, 2)));
     const MatrixXd w = whiten(n, lags, MatrixXd::Identity(rows, rows));
-    ck_assert_double_lt((w * dense_ar2(n, rows) * w.transpose() - MatrixXd::Identity(rows, rows)).cwiseAbs().maxCoeff(), 1e-9);
+    ck_assert_double_lt((w * dense_ar2(n, rows) * w.transpose() - MatrixXd::Identity(rows, rows))
+                            .cwiseAbs()
+                            .maxCoeff(),
+                        1e-9);
 }
 END_TEST
 
@@ -140,7 +143,8 @@ START_TEST(test_gram_is_generalised_least_squares)
         const RunRows &run = d.runs[r];
         MatrixXd v = dense_ar2(n, 60);
         for (Index k = 0; k < run.random.cols(); ++k)
-            v += n.variance[run.group[static_cast<std::size_t>(k)]] * run.random.col(k) * run.random.col(k).transpose();
+            v += n.variance[run.group[static_cast<std::size_t>(k)]] * run.random.col(k) *
+                 run.random.col(k).transpose();
         inverse.push_back(v.inverse());
         MatrixXd m(60, 4);
         m << run.fixed, d.x[r], run.y;
@@ -365,7 +369,8 @@ END_TEST
 START_TEST(test_adjusted_values_follow_the_definition)
 {
     // five e-values: 200, 100, 20, 1, 0.1; e-BH value of the i-th is min over k >= i of n / (k e_k)
-    const std::vector<double> p = ebh_adjusted({std::log(20.0), std::log(200.0), 0, std::log(0.1), std::log(100.0)});
+    const std::vector<double> p = ebh_adjusted({std::log(20.0), std::log(200.0), 0, std::log(0.1),
+                                                std::log(100.0)});
     ck_assert_double_eq_tol(p[1], 5.0 / 200, 1e-12);
     ck_assert_double_eq_tol(p[4], 5.0 / (2 * 100), 1e-12);
     ck_assert_double_eq_tol(p[0], 5.0 / (3 * 20), 1e-12);

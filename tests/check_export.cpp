@@ -11,7 +11,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <fstream>
 #include <map>
 #include <memory>
 #include <sstream>
@@ -24,7 +23,7 @@
 #include "model/arm_file.hpp"
 #include "model/rbd.hpp"
 #include "tests/random_arm.hpp"
-#include "tests/scratch.hpp"
+#include "tests/shell.hpp"
 
 using hdt::ExportFormat;
 using hdt::ExportOptions;
@@ -646,27 +645,18 @@ END_TEST
 
 static int run_hdt(const std::string &arguments, const std::string &err)
 {
-    const char *build = std::getenv("BUILD");
-    const std::string command = std::string(build ? build : "build") + "/hdt export " + arguments +
+    const std::string command = build_dir() + "/hdt export " + arguments +
     " >/dev/null 2>" + err;
     const int status = std::system(command.c_str());
     return WIFEXITED(status) ? WEXITSTATUS(status) : 128;
 }
 
-static std::string slurp(const std::string &path)
-{
-    std::ifstream file(path);
-    std::ostringstream text;
-    text << file.rdbuf();
-    return text.str();
-}
-
 START_TEST(test_command_writes_what_the_library_says)
 {
-    const char *build = std::getenv("BUILD");
-    if (access((std::string(build ? build : "build") + "/hdt").c_str(), X_OK) != 0)
+    if (access((build_dir() + "/hdt").c_str(), X_OK) != 0)
         HDT_SKIP("no hdt in this build");
-    const std::string dir = scratch_dir(), err = dir + "/err", pa10 = "model/arms/pa10.toml", out = dir + "/arm";
+    const std::string dir = scratch_dir(), err = dir + "/err", pa10 = "model/arms/pa10.toml";
+    const std::string out = dir + "/arm";
     const hdt_arm arm = hdt::ArmFile::load(pa10).arm();
     ExportOptions armature;
     armature.armature = true;

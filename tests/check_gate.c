@@ -235,7 +235,8 @@ static void outside(int k, int side)
 
 START_TEST(test_fault_begins_one_lsb_beyond_its_limit_and_latches)
 {
-    static const uint32_t fault[] = {0, HDT_FAULT_SPEED, HDT_FAULT_FOLLOWING, HDT_FAULT_SERVO, HDT_FAULT_REFERENCE};
+    static const uint32_t fault[] = {0, HDT_FAULT_SPEED, HDT_FAULT_FOLLOWING, HDT_FAULT_SERVO,
+                                     HDT_FAULT_REFERENCE};
     for (int side = -1; side <= 1; side += 2) {
         set_up();
         for (int j = 0; j < JOINTS; j++)

@@ -58,7 +58,8 @@ static void world_serve(struct world *w)
 {
     for (unsigned j = 0; j < DRV_AXES; j++)
         if (w->host.in.mode != HDT_MODE_IDLE)
-            w->servo.state.axis[j].count = (int32_t)(w->host.in.q_ref[j].raw / Q24 * RIG_RATIO * 16384 / 6.283185307);
+            w->servo.state.axis[j].count = (int32_t)(w->host.in.q_ref[j].raw / Q24 * RIG_RATIO * 16384
+                                                     / 6.283185307);
     rig_serve(&w->servo);
 }
 
@@ -193,7 +194,8 @@ static void hold_and_go(enum drv_host_phase in_phase, unsigned after)
             if (slope > a_max || slope < -a_max || a > a_max || a < -a_max)
                 ck_abort_msg("joint %u, period %u: slope %g, a_ref %g rad/s^2", j + 1, n, slope, a);
             if (slope - a > 0.03 || slope - a < -0.03)
-                ck_abort_msg("joint %u, period %u: v_ref changes by %g rad/s^2, a_ref is %g", j + 1, n, slope, a);
+                ck_abort_msg("joint %u, period %u: v_ref changes by %g rad/s^2, a_ref is %g", j + 1, n, slope,
+                             a);
         }
         before = w->host.in;
     }
@@ -259,7 +261,8 @@ END_TEST
 
 /* What breaks, and the words it must come with. */
 static const struct { uint32_t fault; const char *words[3]; } faults[] = {
-    {HDT_FAULT_STALE, {"stale: no state from the servo for more than 30 periods of 1.429 ms", "clear", "brakes on"}},
+    {HDT_FAULT_STALE,
+     {"stale: no state from the servo for more than 30 periods of 1.429 ms", "clear", "brakes on"}},
     {HDT_FAULT_SERVO, {"servo", "axis 3: ", "(0x0f)"}},
     {HDT_FAULT_REFERENCE, {"reference: joint 5 reference 4.0000 rad, limits -3.0000 to 3.0000", "clear", ""}},
     {HDT_FAULT_SPEED, {"speed: joint 2 at ", "limit 1.000", ""}},
@@ -412,7 +415,8 @@ static int slow_sleep(void *ctx, uint64_t t)
     return 0;
 }
 
-static struct drv_rt *rt_new(struct slow_clock *c, struct world *w, struct drv_rt_cfg cfg, struct drv_rt_mailbox *box)
+static struct drv_rt *rt_new(struct slow_clock *c, struct world *w, struct drv_rt_cfg cfg,
+                             struct drv_rt_mailbox *box)
 {
     static struct drv_rt rt;
     struct hdt_clock clock = {c, slow_now, slow_sleep};
@@ -439,9 +443,16 @@ START_TEST(test_missed_periods_are_skipped_counted_and_never_made_up_for)
 }
 END_TEST
 
-static const struct { enum drv_overrun policy; unsigned late; enum drv_host_phase then; const char *words; } overruns[] = {
-    {DRV_OVERRUN_HOLD, 2, DRV_HOST_RUN, "asked for"},  {DRV_OVERRUN_HOLD, 3, DRV_HOST_HOLD, "asked for"},
-    {DRV_OVERRUN_STOP, 2, DRV_HOST_RUN, "asked for"},  {DRV_OVERRUN_STOP, 3, DRV_HOST_DONE, "overrun policy"},
+static const struct {
+    enum drv_overrun policy;
+    unsigned late;
+    enum drv_host_phase then;
+    const char *words;
+} overruns[] = {
+    {DRV_OVERRUN_HOLD, 2, DRV_HOST_RUN, "asked for"},
+    {DRV_OVERRUN_HOLD, 3, DRV_HOST_HOLD, "asked for"},
+    {DRV_OVERRUN_STOP, 2, DRV_HOST_RUN, "asked for"},
+    {DRV_OVERRUN_STOP, 3, DRV_HOST_DONE, "overrun policy"},
     {DRV_OVERRUN_COUNT, 40, DRV_HOST_RUN, "asked for"},
 };
 
@@ -449,7 +460,10 @@ START_TEST(test_too_many_missed_periods_hold_or_stop_as_configured)
 {
     struct world *w = world_new((struct drv_host_cfg){.settle_s = 0.1, .approach_radps = 2});
     /* two periods missed at a time; four in a second are let pass */
-    struct slow_clock c = {.late_ns = 2 * 1428571, .late_at = 900, .late_n = overruns[_i].late, .stop_at = 1500};
+    struct slow_clock c = {.late_ns = 2 * 1428571,
+                           .late_at = 900,
+                           .late_n = overruns[_i].late,
+                           .stop_at = 1500};
     struct drv_rt *rt = rt_new(&c, w, (struct drv_rt_cfg){overruns[_i].policy, 4, 0}, NULL);
     ck_assert_int_eq(drv_rt_run(rt, &w->host), 0);
     ck_assert_uint_eq(rt->timing.missed, 2 * overruns[_i].late);

@@ -18,7 +18,7 @@
 #include "model/ident_solve.hpp"
 
 #include "tests/scratch.hpp"
-#include "tests/check_main.h" // last: check.h defines a macro named fail
+#include "tests/check_main.h"
 
 using hdt::ArmFile;
 using hdt::IdentResult;
@@ -111,7 +111,8 @@ Run make_run(const Truth &t, uint64_t seed, const RunSpec &spec = {})
     Motion m[2] = {random_motion(&seed, spec, 0.3), random_motion(&seed, spec, 0.8)};
     double scatter[2] = {t.scatter_nm * gauss(&seed), t.scatter_nm * gauss(&seed)}, slow[2] = {0, 0};
     double dt = 1 / spec.rate_hz, keep = std::exp(-dt / 0.4);
-    for (double time = 0; time < spec.seconds; time += dt * (1 + test_uniform(&seed, -spec.jitter, spec.jitter))) {
+    for (double time = 0; time < spec.seconds;
+         time += dt * (1 + test_uniform(&seed, -spec.jitter, spec.jitter))) {
         double q[2], v[2], a[2], tau[2];
         for (int j = 0; j < 2; j++)
             m[j].at(time, &q[j], &v[j], &a[j]);
@@ -121,7 +122,8 @@ Run make_run(const Truth &t, uint64_t seed, const RunSpec &spec = {})
             double sign = v[j] < 0 ? -1 : 1;
             slow[j] = keep * slow[j] + std::sqrt(1 - keep * keep) * t.coloured_nm * gauss(&seed);
             tau[j] += friction(t, j, v[j]) + sign * scatter[j] + slow[j] + t.white_nm * gauss(&seed)
-                      + sign * t.line[j].amplitude * std::sin(t.line[j].order * gear * q[j] + t.line[j].phase);
+                      + sign * t.line[j].amplitude
+                            * std::sin(t.line[j].order * gear * q[j] + t.line[j].phase);
             run.joint[static_cast<std::size_t>(j)].q_rad.push_back(count_rad * std::round(q[j] / count_rad));
             run.joint[static_cast<std::size_t>(j)].tau_nm.push_back(tau[j]);
         }
@@ -147,10 +149,16 @@ std::string number(double x)
     return s.str();
 }
 
-std::string quantity(const std::string &key, const std::string &value, const char *unit, const char *side = "")
+std::string quantity(const std::string &key, const std::string &value, const char *unit,
+                     const char *side = "")
 {
-    return key + " = { value = " + value + ", unit = \"" + unit + "\", sigma = " + (value[0] == '[' ? "[" : "")
-           + (value[0] == '[' ? [&] { std::string s = "0"; for (char c : value) if (c == ',') s += ", 0"; return s + "]"; }() : "0")
+    std::string sigma = "0";
+    if (value[0] == '[') {
+        for (char c : value)
+            sigma += c == ',' ? ", 0" : "";
+        sigma = "[" + sigma + "]";
+    }
+    return key + " = { value = " + value + ", unit = \"" + unit + "\", sigma = " + sigma
            + ", source = \"TEST\"" + (*side ? std::string(", side = \"") + side + "\"" : "") + " }\n";
 }
 
@@ -171,7 +179,9 @@ std::string joint_text(const Truth &t, int j, const FileSpec &spec)
     if (spec.masses) {
         s += quantity("link.mass", number(t.m[j] * spec.mass_share), "kg");
         s += quantity("link.com", "[" + number(t.c[j]) + ", 0, 0]", "m");
-        s += quantity("link.inertia", "[" + number(t.i[j]) + ", 0, 0, " + number(t.i[j]) + ", 0, " + number(t.i[j]) + "]", "kg m^2");
+        s += quantity("link.inertia",
+                      "[" + number(t.i[j]) + ", 0, 0, " + number(t.i[j]) + ", 0, " + number(t.i[j]) + "]",
+                      "kg m^2");
         s += quantity("motor.rotor_inertia", number(t.rotor[j]), "kg m^2", "motor");
     }
     for (int way = 0; way < 2 && spec.friction; way++) {
@@ -192,7 +202,8 @@ std::string joint_text(const Truth &t, int j, const FileSpec &spec)
 
 ArmFile make_arm(const Truth &t, const FileSpec &spec = {})
 {
-    std::string s = "format = \"hdt-arm\"\nversion = 1\nname = \"two-link\"\n[sources]\nTEST = \"made\"\n[base]\n";
+    std::string s =
+        "format = \"hdt-arm\"\nversion = 1\nname = \"two-link\"\n[sources]\nTEST = \"made\"\n[base]\n";
     s += quantity("gravity", "[0, 0, -9.81]", "m/s^2") + "[control]\n" + quantity("rate", "700", "Hz");
     s += quantity("velocity_cutoff", "50", "Hz") + "[flange]\n" + quantity("origin", "[0.5, 0, 0]", "m");
     s += quantity("rpy", "[0, 0, 0]", "rad");
@@ -236,12 +247,14 @@ std::map<std::string, double> truth_by_key(const Truth &t)
 double floor_nm(const Truth &t, double rate_hz)
 {
     double n = std::max(1.0, rate_hz * 0.01);
-    return std::sqrt(t.white_nm * t.white_nm / n + t.coloured_nm * t.coloured_nm + t.scatter_nm * t.scatter_nm);
+    return std::sqrt(t.white_nm * t.white_nm / n + t.coloured_nm * t.coloured_nm
+                     + t.scatter_nm * t.scatter_nm);
 }
 
 bool noted(const IdentResult &r, const char *part)
 {
-    return std::any_of(r.notes.begin(), r.notes.end(), [&](const std::string &n) { return n.find(part) != std::string::npos; });
+    return std::any_of(r.notes.begin(), r.notes.end(),
+                       [&](const std::string &n) { return n.find(part) != std::string::npos; });
 }
 
 std::string refusal(const ArmFile &arm, const std::vector<Run> &runs, const hdt::IdentOptions &o)
@@ -269,8 +282,8 @@ START_TEST(test_parameters_come_back_and_held_out_error_falls_to_the_floor)
     for (const auto &[key, value] : truth_by_key(t)) {
         const hdt::FitParameter *p = find(r, key);
         ck_assert_msg(p != nullptr, "%s is missing", key.c_str());
-        ck_assert_msg(p->excited && std::fabs(p->value - value) < 3.5 * p->sigma, "%s: %g, found %g +- %g", key.c_str(),
-                      value, p->value, p->sigma);
+        ck_assert_msg(p->excited && std::fabs(p->value - value) < 3.5 * p->sigma, "%s: %g, found %g +- %g",
+                      key.c_str(), value, p->value, p->sigma);
         ck_assert_msg(p->sigma < 0.3 * std::fabs(value) + 0.05, "%s: sigma %g", key.c_str(), p->sigma);
     }
     const hdt::FitParameter *scale = find(r, "gravity_scale");
@@ -288,7 +301,8 @@ START_TEST(test_parameters_come_back_and_held_out_error_falls_to_the_floor)
     // the written model is the fitted model
     const hdt_arm &arm = r.model.arm();
     ck_assert_double_eq_tol(arm.joint[0].mass_kg, 6, 6 * 0.03);
-    ck_assert_double_eq_tol(arm.joint[1].friction[1].f0_nm, find(r, "joint.2.friction.negative.f0")->value, 1e-12);
+    ck_assert_double_eq_tol(arm.joint[1].friction[1].f0_nm, find(r, "joint.2.friction.negative.f0")->value,
+                            1e-12);
     ck_assert(r.model.get("joint.1.friction.positive.f0").source == "IDENT");
 }
 END_TEST
@@ -481,14 +495,22 @@ END_TEST
 
 // Soft wind-up in the log: extra torque of the load, by direction, with kinks where the file has them.
 static const char *const stiffness_text =
-    "stiffness.positive.slope = { value = [0.1, 1.0, 0.1], unit = \"N m/N m\", sigma = [0, 0, 0], source = \"TEST\", side = \"output\" }\n"
-    "stiffness.positive.t1 = { value = 12, unit = \"N m\", sigma = 0, source = \"TEST\", side = \"output\" }\n"
-    "stiffness.positive.t2 = { value = 20, unit = \"N m\", sigma = 0, source = \"TEST\", side = \"output\" }\n"
-    "stiffness.positive.zero = { value = 0, unit = \"N m\", sigma = 0, source = \"TEST\", side = \"output\" }\n"
-    "stiffness.negative.slope = { value = [0.1, 1.0, 0.1], unit = \"N m/N m\", sigma = [0, 0, 0], source = \"TEST\", side = \"output\" }\n"
-    "stiffness.negative.t1 = { value = 12, unit = \"N m\", sigma = 0, source = \"TEST\", side = \"output\" }\n"
-    "stiffness.negative.t2 = { value = 20, unit = \"N m\", sigma = 0, source = \"TEST\", side = \"output\" }\n"
-    "stiffness.negative.zero = { value = 0, unit = \"N m\", sigma = 0, source = \"TEST\", side = \"output\" }\n";
+    "stiffness.positive.slope = { value = [0.1, 1.0, 0.1], unit = \"N m/N m\", sigma = [0, 0, 0], "
+    "source = \"TEST\", side = \"output\" }\n"
+    "stiffness.positive.t1 = { value = 12, unit = \"N m\", sigma = 0, "
+    "source = \"TEST\", side = \"output\" }\n"
+    "stiffness.positive.t2 = { value = 20, unit = \"N m\", sigma = 0, "
+    "source = \"TEST\", side = \"output\" }\n"
+    "stiffness.positive.zero = { value = 0, unit = \"N m\", sigma = 0, "
+    "source = \"TEST\", side = \"output\" }\n"
+    "stiffness.negative.slope = { value = [0.1, 1.0, 0.1], unit = \"N m/N m\", sigma = [0, 0, 0], "
+    "source = \"TEST\", side = \"output\" }\n"
+    "stiffness.negative.t1 = { value = 12, unit = \"N m\", sigma = 0, "
+    "source = \"TEST\", side = \"output\" }\n"
+    "stiffness.negative.t2 = { value = 20, unit = \"N m\", sigma = 0, "
+    "source = \"TEST\", side = \"output\" }\n"
+    "stiffness.negative.zero = { value = 0, unit = \"N m\", sigma = 0, "
+    "source = \"TEST\", side = \"output\" }\n";
 
 // Outer lines 0.1 as in the file; the middle one ends at `to`.
 static void add_windup(const Truth &t, double slope, std::vector<Run> *runs, double to = 20)
@@ -498,7 +520,9 @@ static void add_windup(const Truth &t, double slope, std::vector<Run> *runs, dou
             double q[2] = {run.joint[0].q_rad[i], run.joint[1].q_rad[i]}, zero[2] = {0, 0}, load[2];
             rigid(t, q, zero, zero, load);
             double x = load[0];
-            run.joint[0].tau_nm[i] += x < 12 ? 0.1 * x : x < to ? 1.2 + slope * (x - 12) : 1.2 + slope * (to - 12) + 0.1 * (x - to);
+            run.joint[0].tau_nm[i] += x < 12   ? 0.1 * x
+                                      : x < to ? 1.2 + slope * (x - 12)
+                                               : 1.2 + slope * (to - 12) + 0.1 * (x - to);
         }
 }
 
@@ -542,8 +566,9 @@ START_TEST(test_a_fall_the_loads_enter_but_do_not_leave_is_fitted_and_held_beyon
     FileSpec spec;
     spec.friction_share = 1;
     std::string far = stiffness_text;
-    for (const auto &[from, to] : {std::pair<std::string, std::string>{"t1 = { value = 12", "t1 = { value = 120"},
-                                   {"t2 = { value = 20", "t2 = { value = 150"}})
+    for (const auto &[from, to] :
+         {std::pair<std::string, std::string>{"t1 = { value = 12", "t1 = { value = 120"},
+          {"t2 = { value = 20", "t2 = { value = 150"}})
         for (std::size_t at = far.find(from); at != std::string::npos; at = far.find(from, at + to.size()))
             far.replace(at, from.size(), to);
     spec.more[0] = far.c_str();
@@ -553,10 +578,12 @@ START_TEST(test_a_fall_the_loads_enter_but_do_not_leave_is_fitted_and_held_beyon
     IdentResult r = hdt::identify(make_arm(t, spec), runs, {}, {});
     for (const char *way : {"positive", "negative"}) {
         const std::string at = std::string("joint.1.stiffness.") + way;
-        const hdt::FitParameter *t1 = find(r, at + ".t1"), *fall = find(r, at + ".slope.2"), *home = find(r, at + ".slope.1");
+        const hdt::FitParameter *t1 = find(r, at + ".t1"), *fall = find(r, at + ".slope.2");
+        const hdt::FitParameter *home = find(r, at + ".slope.1");
         ck_assert(t1 && fall && home && fall->excited);
         ck_assert_double_lt(std::fabs(t1->value - 12), 4 * t1->sigma);
-        ck_assert_double_lt(std::fabs(fall->value - slope), 4 * fall->sigma); // the line of load 0 is the masses'
+        // the line of load 0 is the masses'
+        ck_assert_double_lt(std::fabs(fall->value - slope), 4 * fall->sigma);
         ck_assert_double_eq(find(r, at + ".slope.3")->value, home->value);
     }
     ck_assert(noted(r, "the loads end inside the soft wind-up's fall"));
@@ -593,8 +620,9 @@ START_TEST(test_stiffness_that_does_harm_is_taken_out_though_loads_stay_on_one_l
     Truth t;
     FileSpec spec;
     std::string far = stiffness_text; // every load lies on the steep middle line
-    for (const auto &[from, to] : {std::pair<std::string, std::string>{"t1 = { value = 12", "t1 = { value = -90"},
-                                   {"t2 = { value = 20", "t2 = { value = 90"}})
+    for (const auto &[from, to] :
+         {std::pair<std::string, std::string>{"t1 = { value = 12", "t1 = { value = -90"},
+          {"t2 = { value = 20", "t2 = { value = 90"}})
         for (std::size_t at = far.find(from); at != std::string::npos; at = far.find(from))
             far.replace(at, from.size(), to);
     spec.more[0] = far.c_str();
@@ -623,7 +651,8 @@ START_TEST(test_spikes_do_not_move_the_fit)
         (void)value;
         const hdt::FitParameter *p = find(a, key), *q = find(b, key);
         if (p->excited && q->excited)
-            ck_assert_msg(std::fabs(p->value - q->value) < p->sigma, "%s: %g and %g", key.c_str(), p->value, q->value);
+            ck_assert_msg(std::fabs(p->value - q->value) < p->sigma, "%s: %g and %g", key.c_str(), p->value,
+                          q->value);
     }
     ck_assert_double_lt(b.joints[0].rms_after_nm, 1.05 * a.joints[0].rms_after_nm);
 }
@@ -657,7 +686,8 @@ START_TEST(test_same_input_same_result)
 {
     Truth t;
     std::vector<Run> runs = make_runs(t, 90, 5);
-    IdentResult a = hdt::identify(make_arm(t), runs, runs, {}), b = hdt::identify(make_arm(t), runs, runs, {});
+    IdentResult a = hdt::identify(make_arm(t), runs, runs, {});
+    IdentResult b = hdt::identify(make_arm(t), runs, runs, {});
     ck_assert(a.model.text() == b.model.text());
     for (std::size_t j = 0; j < a.joints.size(); j++)
         ck_assert(a.joints[j].residual_after_nm == b.joints[j].residual_after_nm);
@@ -707,8 +737,11 @@ START_TEST(test_written_files_are_complete_and_load)
     std::stringstream text;
     text << html.rdbuf();
     ck_assert(says(text.str(), "</html>"));
-    ck_assert(says(text.str(), "not excited") == std::any_of(r.joints.begin(), r.joints.end(), [](const hdt::JointFit &f) {
-        return std::any_of(f.parameters.begin(), f.parameters.end(), [](const hdt::FitParameter &p) { return !p.excited; }); }));
+    ck_assert(says(text.str(), "not excited")
+              == std::any_of(r.joints.begin(), r.joints.end(), [](const hdt::JointFit &f) {
+                     return std::any_of(f.parameters.begin(), f.parameters.end(),
+                                        [](const hdt::FitParameter &p) { return !p.excited; });
+                 }));
     std::size_t files = 0;
     for (const auto &entry : std::filesystem::directory_iterator(out))
         files += entry.is_regular_file();

@@ -155,12 +155,15 @@ START_TEST(test_rows_a_map_leaves_out_may_be_bad_and_no_others)
     assert_has(error_of(drop, early), "early.csv:3: column 'q': expected a finite number, found ''");
     assert_has(error_of(drop, put("short.csv", "t,q,i\n0,1,2\n1,1,2\n")), "more than 2 rows, found 2");
 
-    const std::string files = "[[file]]\nid = \"a\"\nname = \"a.csv\"\n[[file]]\nid = \"b\"\nname = \"b.csv\"\n"
+    const std::string files = "[[file]]\nid = \"a\"\nname = \"a.csv\"\n"
+                              "[[file]]\nid = \"b\"\nname = \"b.csv\"\n"
                               "[columns]\nt_s = { file = \"a\", column = \"t\" }\n"
-                              "q1_rad = { file = \"a\", column = \"q\" }\ntau1_nm = { file = \"b\", column = \"i\" }\n";
+                              "q1_rad = { file = \"a\", column = \"q\" }\n"
+                              "tau1_nm = { file = \"b\", column = \"i\" }\n";
     put("a.csv", "t,q\n0,1\n1,2\n2,3\n");
     put("b.csv", "i\n5\n6\n");
-    ck_assert_uint_eq(hdt::convert_run(put("s.toml", head + "shortest = true\n" + files), scratch_dir()).rows(), 2);
+    const std::string shortest = put("s.toml", head + "shortest = true\n" + files);
+    ck_assert_uint_eq(hdt::convert_run(shortest, scratch_dir()).rows(), 2);
     assert_has(error_of(put("e.toml", head + files), scratch_dir()), "b.csv: expected 3 rows as in");
 }
 END_TEST
@@ -179,22 +182,32 @@ const struct { const char *map, *says; } bad_maps[] = {
     {"HEADcolumn = {}\n", "map.toml:3: column: expected one of format, version"},
     {"HEAD", "map.toml: columns: expected a table"},
     {"HEAD[columns]\nq1_rad = { column = \"q\" }\n", "columns: expected a column t_s"},
-    {"HEAD[columns]\nt_s = { column = \"t\", scael = 2 }\n", "map.toml:4: columns.t_s.scael: expected one of file, column"},
-    {"HEAD[columns]\nt_s = { column = \"t\", scale = \"2\" }\n", "map.toml:4: columns.t_s.scale: expected a finite number"},
+    {"HEAD[columns]\nt_s = { column = \"t\", scael = 2 }\n",
+     "map.toml:4: columns.t_s.scael: expected one of file, column"},
+    {"HEAD[columns]\nt_s = { column = \"t\", scale = \"2\" }\n",
+     "map.toml:4: columns.t_s.scale: expected a finite number"},
     {"HEAD[columns]\nt_s = { column = \"t\", scale = inf }\n", "columns.t_s.scale: expected a finite number"},
-    {"HEAD[columns]\nt_s = { column = \"t\", scale = true }\n", "columns.t_s.scale: expected a finite number"},
+    {"HEAD[columns]\nt_s = { column = \"t\", scale = true }\n",
+     "columns.t_s.scale: expected a finite number"},
     {"HEAD[columns]\nt_s = { column = \"t\", scale = [1, 2] }\n", "columns.t_s.scale: expected one number"},
     {"HEAD[columns]\nt_s = { column = \"t\", sign = 2 }\n", "columns.t_s.sign: expected 1 or -1"},
     {"HEAD[columns]\nt_s = { column = 0 }\n", "columns.t_s.column: expected a whole number from 1"},
     {"HEAD[columns]\nt_s = { column = true }\n", "columns.t_s.column: expected a text"},
     {"HEAD[columns]\nt_s = {}\n", "columns.t_s.column: expected a text"},
     {"HEAD[columns]\nt_s = 5\n", "map.toml:4: columns.t_s: expected a table"},
-    {"HEAD[columns]\nt_s = { column = \"t\" }\nq1_deg = { column = \"q\" }\n", "map.toml:5: columns.q1_deg: column 'q1_deg': expected 'q1_rad'"},
-    {"HEAD[columns]\nt_s = { column = \"t\" }\n\"q{j}_rad\" = { column = \"q{j}\" }\n", "columns.q{j}_rad: expected joints = N"},
+    {"HEAD[columns]\nt_s = { column = \"t\" }\nq1_deg = { column = \"q\" }\n",
+     "map.toml:5: columns.q1_deg: column 'q1_deg': expected 'q1_rad'"},
+    {"HEAD[columns]\nt_s = { column = \"t\" }\n\"q{j}_rad\" = { column = \"q{j}\" }\n",
+     "columns.q{j}_rad: expected joints = N"},
     {"HEADjoints = 17\n", "map.toml:3: joints: expected a whole number from 1 to 16"},
-    {"HEADjoints = 2\n[columns]\nt_s = { column = \"t\" }\n\"q{j}_rad\" = { column = \"q\" }\n", "columns.q{j}_rad.column: expected {j} in the column name"},
-    {"HEADjoints = 2\n[columns]\nt_s = { column = \"t\" }\n\"q{j}_rad\" = { column = \"q{j}\", scale = [1] }\n", "scale: expected 2 numbers, one per joint"},
-    {"HEADjoints = 1\n[columns]\nt_s = { column = \"t\" }\n\"q{j}_rad\" = { column = 1 }\nq1_rad = { column = 2 }\n", "'q1_rad' is given twice"},
+    {"HEADjoints = 2\n[columns]\nt_s = { column = \"t\" }\n\"q{j}_rad\" = { column = \"q\" }\n",
+     "columns.q{j}_rad.column: expected {j} in the column name"},
+    {"HEADjoints = 2\n[columns]\nt_s = { column = \"t\" }\n\"q{j}_rad\" = { column = \"q{j}\", "
+     "scale = [1] }\n",
+     "scale: expected 2 numbers, one per joint"},
+    {"HEADjoints = 1\n[columns]\nt_s = { column = \"t\" }\n\"q{j}_rad\" = { column = 1 }\n"
+     "q1_rad = { column = 2 }\n",
+     "'q1_rad' is given twice"},
     {"HEADdrop_last = -1\n", "drop_last: expected a whole number from 0"},
     {"HEADshortest = 1\n", "shortest: expected true or false"},
     {"HEADfile = 1\n", "file: expected tables"},
@@ -202,11 +215,16 @@ const struct { const char *map, *says; } bad_maps[] = {
     {"HEAD[[file]]\nper_row = 0\n", "file.per_row: expected a whole number"},
     {"HEAD[[file]]\nper_row = 2\nheader = true\n", "file.per_row: expected no header"},
     {"HEAD[[file]]\nnam = \"x\"\n", "file.nam: expected one of id, name"},
-    {"HEAD[[file]]\nid = \"a\"\nname = \"a\"\n[[file]]\nid = \"a\"\nname = \"b\"\n", "file.id: expected a name of its own"},
+    {"HEAD[[file]]\nid = \"a\"\nname = \"a\"\n[[file]]\nid = \"a\"\nname = \"b\"\n",
+     "file.id: expected a name of its own"},
     {"HEAD[[file]]\nid = \"a\"\n[[file]]\nid = \"b\"\n", "file: expected an id and a name for each"},
-    {"HEAD[[file]]\nid = \"a\"\nname = \"a\"\n[[file]]\nid = \"b\"\nname = \"b\"\n[columns]\nt_s = { column = \"t\" }\n", "columns.t_s: expected file ="},
-    {"HEAD[[file]]\nid = \"a\"\n[columns]\nt_s = { file = \"z\", column = \"t\" }\n", "columns.t_s.file: expected the id of a [[file]], found 'z'"},
-    {"HEAD[[file]]\nheader = false\n[columns]\nt_s = { column = \"t\" }\n", "columns.t_s.column: expected a column number"},
+    {"HEAD[[file]]\nid = \"a\"\nname = \"a\"\n[[file]]\nid = \"b\"\nname = \"b\"\n"
+     "[columns]\nt_s = { column = \"t\" }\n",
+     "columns.t_s: expected file ="},
+    {"HEAD[[file]]\nid = \"a\"\n[columns]\nt_s = { file = \"z\", column = \"t\" }\n",
+     "columns.t_s.file: expected the id of a [[file]], found 'z'"},
+    {"HEAD[[file]]\nheader = false\n[columns]\nt_s = { column = \"t\" }\n",
+     "columns.t_s.column: expected a column number"},
     {"HEAD[constants]\npayload_kg = true\n", "constants.payload_kg: expected a finite number"},
     {"HEAD[constants]\nx = [1, \"a\"]\n", "map.toml:4: constants.x: expected a finite number"},
 };
@@ -247,12 +265,15 @@ START_TEST(test_bad_foreign_table_is_refused_with_its_line)
     for (const auto &b : bad)
         assert_has(error_of(map, put("t.csv", b.table)), b.says);
     const std::string beyond = put("map.toml", head + "[[file]]\nheader = false\n[columns]\n"
-                                   "t_s = { column = 1 }\nq1_rad = { column = 2 }\ntau1_nm = { column = 9 }\n");
+                                   "t_s = { column = 1 }\nq1_rad = { column = 2 }\n"
+                                   "tau1_nm = { column = 9 }\n");
     assert_has(error_of(beyond, put("t.csv", "0,1,2\n")), "columns.tau1_nm: expected at least 9 columns in ");
-    assert_has(error_of(beyond, put("t.csv", "0,1,2,3,4,5,6,7,8\n1,2\n")), "t.csv:2: expected 9 fields a row");
+    assert_has(error_of(beyond, put("t.csv", "0,1,2,3,4,5,6,7,8\n1,2\n")),
+               "t.csv:2: expected 9 fields a row");
     assert_has(error_of(scratch("none.toml"), "x"), "none.toml: cannot be read");
     // a run without a complete joint is no run
-    const std::string no_tau = put("map.toml", head + "[columns]\nt_s = { column = \"t\" }\nq1_rad = { column = \"q\" }\n");
+    const std::string columns = "[columns]\nt_s = { column = \"t\" }\nq1_rad = { column = \"q\" }\n";
+    const std::string no_tau = put("map.toml", head + columns);
     assert_has(error_of(no_tau, put("t.csv", "t,q,tau\n0,1,2\n")), "at least one joint with both");
 }
 END_TEST

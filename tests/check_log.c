@@ -422,7 +422,8 @@ static void to_13_terms(const char *path, unsigned joints)
     uint8_t *old = malloc(size);
     for (size_t at = 0; at < size;) {
         const uint8_t *e = (const uint8_t *)whole + at;
-        const size_t name = e[23], len = (size_t)e[24] << 24 | (size_t)e[25] << 16 | (size_t)e[26] << 8 | e[27];
+        const size_t name = e[23];
+        const size_t len = (size_t)e[24] << 24 | (size_t)e[25] << 16 | (size_t)e[26] << 8 | e[27];
         uint8_t *to = old + used;
         memcpy(to, e, 28 + name + len);
         used += 28 + name + len;
@@ -475,7 +476,8 @@ START_TEST(test_liblcm_reads_the_event_log)
     while ((e = lcm_eventlog_read_next_event(log)) != NULL) {
         ck_assert_int_eq(e->eventnum, n);
         ck_assert_str_eq(e->channel, n == 0 ? "HDT_RUN" : n == 1 ? "HDT_TABLES" : "HDT_CYCLE");
-        /* what stands before the first period has its time, or a player waits for as long as the host was up */
+        /* what stands before the first period has its time, or a
+         * player waits for as long as the host was up */
         ck_assert_int_eq(e->timestamp, 5000000 + 1429 * (n < 2 ? 0 : n - 2));
         n++;
         lcm_eventlog_free_event(e);
@@ -528,7 +530,8 @@ START_TEST(test_code_from_lcm_gen_reads_the_same_numbers)
     snprintf(cmd, sizeof cmd,
              "cd %s && root='%s' && mkdir gen && lcm-gen -c --c-no-pubsub --c-cpath gen --c-hpath gen "
              "\"$root/driver/hdt_cycle.lcm\" && "
-             "cc -Igen -o gen/dump \"$root/tests/lcm_dump.c\" gen/*.c -llcm && gen/dump run.lcm > got; e=$?; rm -r gen; exit $e",
+             "cc -Igen -o gen/dump \"$root/tests/lcm_dump.c\" gen/*.c -llcm && gen/dump run.lcm > got; e=$?; "
+             "rm -r gen; exit $e",
              dir, getcwd((char[500]){0}, 500));
     ck_assert_int_eq(system(cmd), 0);
     FILE *f = fopen(want, "w");
@@ -634,7 +637,8 @@ START_TEST(test_a_log_cut_at_any_byte_is_said_to_be_cut)
         put_file(lcm, whole, cut);
         n = read_all(lcm, &clean, err, sizeof err);
         if (cut == boundary && cut > 0) {
-            /* after whole events: as many cycles as there are, no complaint; head and tables stand before them */
+            /* after whole events: as many cycles as there are, no
+             * complaint; head and tables stand before them */
             ck_assert_int_eq(n, ends < 2 ? 0 : (int)ends - 2);
             ck_assert_int_eq(clean, 1);
         } else {
@@ -736,7 +740,9 @@ START_TEST(test_wrong_files_and_versions_say_what_was_found)
         whole = slurp(lcm, &size);
         whole[DRV_LCM_HEAD + 7 + 23] = (char)terms;
         put_file(lcm, whole, size);
-        ck_assert_int_eq(read_all(lcm, &clean, err, sizeof err), terms == HDT_TERMS ? 3 : terms == 13 ? 0 : -1);
+        ck_assert_int_eq(read_all(lcm, &clean, err, sizeof err), terms == HDT_TERMS ? 3
+                                                                 : terms == 13      ? 0
+                                                                                    : -1);
         snprintf(found, sizeof found, "the log has %d torque terms", terms);
         if (terms != HDT_TERMS)
             ck_assert_ptr_nonnull(strstr(err, terms == 13 ? "a cycle that is damaged" : found));

@@ -16,9 +16,9 @@
 
 #include "model/log_check.hpp"
 #include "tests/planar_arm.hpp"
-#include "tests/scratch.hpp"
+#include "tests/shell.hpp"
 
-#include "tests/check_main.h" // last: check.h defines words the C++ headers use
+#include "tests/check_main.h"
 
 using namespace hdt;
 
@@ -56,27 +56,37 @@ const std::vector<Spoil> &spoils()
     using J = Run::Joint;
     static const std::vector<Spoil> all = {
         {"angle in degrees", [](Run &, J &a, J &) { times(a.q_rad, degree); }, {"angle_units"}, "in degrees"},
-        {"angle and speed in degrees", [](Run &, J &a, J &) { times(a.q_rad, degree); times(a.v_radps, degree);
-            a.qref_rad.clear(), a.vref_radps.clear(); }, {"angle_units"}, "in degrees"},
-        {"angle of the motor", [](Run &, J &a, J &) { times(a.q_rad, ratio); }, {"angle_units"}, "motor-side"},
-        {"speed in degrees", [](Run &, J &a, J &) { times(a.v_radps, degree); }, {"velocity_units"}, "degrees per second"},
-        {"speed of the motor", [](Run &, J &a, J &) { times(a.v_radps, ratio); }, {"velocity_units"}, "motor-side"},
+        {"angle and speed in degrees", [](Run &, J &a, J &) {
+             times(a.q_rad, degree);
+             times(a.v_radps, degree);
+             a.qref_rad.clear(), a.vref_radps.clear();
+         }, {"angle_units"}, "in degrees"},
+        {"angle of the motor", [](Run &, J &a, J &) { times(a.q_rad, ratio); }, {"angle_units"},
+         "motor-side"},
+        {"speed in degrees", [](Run &, J &a, J &) { times(a.v_radps, degree); }, {"velocity_units"},
+         "degrees per second"},
+        {"speed of the motor", [](Run &, J &a, J &) { times(a.v_radps, ratio); }, {"velocity_units"},
+         "motor-side"},
         {"speed in turns a minute", [](Run &, J &a, J &) { times(a.v_radps, 30 / M_PI); }, {"velocity_units"},
          "turns a minute"},
-        {"speed turned round", [](Run &, J &a, J &) { times(a.v_radps, -1); }, {"velocity_sign"}, "turned round"},
+        {"speed turned round", [](Run &, J &a, J &) { times(a.v_radps, -1); }, {"velocity_sign"},
+         "turned round"},
         {"angle turned round", [](Run &, J &a, J &) { times(a.q_rad, -1); }, {"angle_sign"}, "turned round"},
         {"angle and speed turned round", [](Run &, J &a, J &) { times(a.q_rad, -1); times(a.v_radps, -1); },
          {"angle_sign"}, "turned round"},
         {"motion turned round", [](Run &, J &a, J &) { bare(a); times(a.q_rad, -1); },
          {"angle_sign", "torque_sign"}, "should oppose it"},
-        {"reference in degrees", [](Run &, J &a, J &) { times(a.qref_rad, degree); }, {"reference_units"}, "qref"},
+        {"reference in degrees", [](Run &, J &a, J &) { times(a.qref_rad, degree); }, {"reference_units"},
+         "qref"},
         {"torque of the motor", [](Run &, J &a, J &) { times(a.tau_nm, 1 / ratio); }, {"torque_side"},
          "looks motor-side: it is 0.0"},
-        {"torque times the ratio twice", [](Run &, J &a, J &) { times(a.tau_nm, ratio); }, {"torque_side"}, "twice"},
+        {"torque times the ratio twice", [](Run &, J &a, J &) { times(a.tau_nm, ratio); }, {"torque_side"},
+         "twice"},
         {"torque in mN m", [](Run &, J &a, J &) { times(a.tau_nm, 1000); }, {"torque_units"}, "thousandths"},
         {"torque digits", [](Run &, J &a, J &) { times(a.tau_nm, 1000 / ratio); }, {"torque_units"},
          "motor-side and in thousandths"},
-        {"torque turned round", [](Run &, J &a, J &) { times(a.tau_nm, -1); }, {"torque_sign"}, "should oppose it"},
+        {"torque turned round", [](Run &, J &a, J &) { times(a.tau_nm, -1); }, {"torque_sign"},
+         "should oppose it"},
         {"speed in place of the angle", [](Run &, J &a, J &) { std::swap(a.q_rad, a.v_radps); },
          {"columns_swapped"}, "exchange q and v"},
         {"torque in place of the angle", [](Run &, J &a, J &) { std::swap(a.q_rad, a.tau_nm); },
@@ -119,13 +129,17 @@ void assert_each_joint_is_told(const hdt_arm &arm, const Run &clean, const Spoil
         s.how(run, run.joint[j], run.joint[k]);
         const std::vector<LogFinding> found = check_logs(arm, {run});
         const int a = static_cast<int>(j) + 1, b = static_cast<int>(k) + 1;
-        ck_assert_msg(refused_on(found, a, s), "%s, joint %d of %s: %s", s.name, a, run.path.c_str(), said(found).c_str());
+        ck_assert_msg(refused_on(found, a, s), "%s, joint %d of %s: %s", s.name, a, run.path.c_str(),
+                      said(found).c_str());
         ck_assert_msg(!s.pair || refused_on(found, b, s), "%s, joint %d: %s", s.name, b, said(found).c_str());
         for (const LogFinding &f : found) {
             ck_assert_str_eq(f.run.c_str(), run.path.c_str());
-            ck_assert_msg(f.joint == a || (s.pair && f.joint == b), "%s, joint %d: %s", s.name, a, said(found).c_str());
-            ck_assert_msg(f.words.find(run.path + ": joint " + std::to_string(f.joint)) == 0, "%s", f.words.c_str());
-            ck_assert_msg(f.words.find(f.kind == "gear_ratio" ? "50" : ";") != std::string::npos, "%s", f.words.c_str());
+            ck_assert_msg(f.joint == a || (s.pair && f.joint == b), "%s, joint %d: %s", s.name, a,
+                          said(found).c_str());
+            ck_assert_msg(f.words.find(run.path + ": joint " + std::to_string(f.joint)) == 0, "%s",
+                          f.words.c_str());
+            ck_assert_msg(f.words.find(f.kind == "gear_ratio" ? "50" : ";") != std::string::npos, "%s",
+                          f.words.c_str());
         }
     }
 }
@@ -148,9 +162,8 @@ const hdt_arm &pa10()
 
 Run simulate(const std::string &options)
 {
-    const char *build = std::getenv("BUILD");
     const std::string out = scratch("run.csv");
-    const std::string command = std::string(build ? build : "build") + "/hdt sim --arm " + pa10_file + " --out " +
+    const std::string command = build_dir() + "/hdt sim --arm " + pa10_file + " --out " +
                                 out + " " + options + " >" + scratch("said") + " 2>&1";
     ck_assert_msg(std::system(command.c_str()) == 0, "%s", command.c_str());
     return read_run(out);
@@ -225,7 +238,8 @@ START_TEST(test_side_and_sign_are_told_against_a_model_that_is_wrong)
             Run run = sound[0];
             s.how(run, run.joint[j], run.joint[j]);
             const std::vector<LogFinding> found = check_logs(arm, {run});
-            ck_assert_msg(refused_on(found, static_cast<int>(j) + 1, s), "%s: %s", s.name, said(found).c_str());
+            ck_assert_msg(refused_on(found, static_cast<int>(j) + 1, s), "%s: %s", s.name,
+                          said(found).c_str());
         }
 }
 END_TEST
@@ -297,7 +311,8 @@ START_TEST(test_joints_and_torques_exchanged_are_told_by_torque)
             const std::vector<LogFinding> found = check_logs(pa10(), {run});
             ck_assert_msg(found.size() == 2, "%zu and %zu: %s", i + 1, k + 1, said(found).c_str());
             for (const LogFinding &f : found)
-                ck_assert_msg(f.kind == (all ? "joints_exchanged" : "columns_swapped") && f.refuse, "%s", said(found).c_str());
+                ck_assert_msg(f.kind == (all ? "joints_exchanged" : "columns_swapped") && f.refuse, "%s",
+                              said(found).c_str());
             ck_assert_int_eq(found[0].joint, static_cast<int>(i) + 1);
             ck_assert_int_eq(found[1].joint, static_cast<int>(k) + 1);
             ck_assert(found[0].words.find("joint " + std::to_string(k + 1)) != std::string::npos);
@@ -330,7 +345,8 @@ START_TEST(test_one_factor_everywhere_is_a_warning)
     for (Run::Joint &j : run.joint)
         times(j.tau_nm, 2);
     const std::vector<LogFinding> found = check_logs(pa10(), {run});
-    ck_assert_msg(found.size() == 1 && found[0].kind == "torque_scale" && !found[0].refuse, "%s", said(found).c_str());
+    ck_assert_msg(found.size() == 1 && found[0].kind == "torque_scale" && !found[0].refuse, "%s",
+                  said(found).c_str());
     ck_assert_double_eq_tol(found[0].found, 2, 0.1);
     ck_assert(log_refusals(found).empty());
     ck_assert(log_warnings(found) == found[0].words);
@@ -359,7 +375,8 @@ START_TEST(test_a_speed_that_is_nothing_known_is_a_warning)
     for (double &v : run.joint[3].v_radps)
         v = test_uniform(&seed, -0.2, 0.2);
     const std::vector<LogFinding> found = check_logs(pa10(), {run});
-    ck_assert_msg(found.size() == 1 && found[0].kind == "velocity_other" && !found[0].refuse && found[0].joint == 4,
+    ck_assert_msg(found.size() == 1 && found[0].kind == "velocity_other" && !found[0].refuse &&
+                  found[0].joint == 4,
                   "%s", said(found).c_str());
 }
 END_TEST
@@ -384,7 +401,8 @@ END_TEST
 START_TEST(test_sound_logs_are_left_in_peace)
 {
     assert_left_in_peace(pa10(), sound);
-    for (const char *task : {"lemniscate", "friction:joint=2", "friction:joint=7", "sweep:joint=4", "trapezoid:joint=6", "hold"})
+    for (const char *task : {"lemniscate", "friction:joint=2", "friction:joint=7", "sweep:joint=4",
+                             "trapezoid:joint=6", "hold"})
         for (const char *mode : {"torque", "velocity"})
             assert_left_in_peace(pa10(), {simulate(std::string("--task ") + task + " --mode " + mode)});
     for (unsigned long seed = 11; seed <= 22; seed++)
@@ -447,7 +465,9 @@ START_TEST(test_measured_logs_are_left_in_peace)
     const auto imported = [](const char *map, const std::string &path) {
         return convert_run(std::string("model/imports/") + map + ".toml", path);
     };
-    const auto arm = [](const char *name) { return ArmFile::load(std::string("model/arms/") + name + ".toml").arm(); };
+    const auto arm = [](const char *name) {
+        return ArmFile::load(std::string("model/arms/") + name + ".toml").arm();
+    };
     const Run panda = imported("panda_gaz", data + "/panda_gaz2019");
     const Run ur5 = imported("ur5_nist", data + "/ur5_nist_one_run/ur5_halfspeed_payload1.6lb_1.csv");
     assert_left_in_peace(arm("panda"), {panda, cut_run(panda, 0, 4)});
@@ -459,7 +479,8 @@ START_TEST(test_measured_logs_are_left_in_peace)
     ck_assert_uint_ge(kinova.size(), 10);
     assert_left_in_peace(arm("kinova_gen3"), kinova);
     for (int k = 1; k <= 100; k++)
-        schunk.push_back(imported("schunk_lwa4p", data + "/schunk_lwa4p_tum/measurement_" + std::to_string(k)));
+        schunk.push_back(imported("schunk_lwa4p",
+                                  data + "/schunk_lwa4p_tum/measurement_" + std::to_string(k)));
     assert_left_in_peace(arm("schunk_lwa4p"), schunk);
     // and spoilt they are told
     Run bad = ur5;
@@ -469,7 +490,8 @@ START_TEST(test_measured_logs_are_left_in_peace)
     bad = ur5;
     times(bad.joint[2].tau_nm, -1);
     const std::vector<LogFinding> found = check_logs(arm("ur5"), {bad});
-    ck_assert_msg(found.size() == 1 && found[0].kind == "torque_sign" && found[0].joint == 3, "%s", said(found).c_str());
+    ck_assert_msg(found.size() == 1 && found[0].kind == "torque_sign" && found[0].joint == 3, "%s",
+                  said(found).c_str());
 }
 END_TEST
 
@@ -492,7 +514,8 @@ static Suite *log_check_suite(void)
     tcase_add_test(bad, test_a_speed_that_is_nothing_known_is_a_warning);
     tcase_add_test(bad, test_all_joints_spoilt_alike_are_all_told);
     tcase_add_test(bad, test_sound_logs_are_left_in_peace);
-    tcase_add_loop_test(bad, test_an_effect_is_no_bad_log, 0, static_cast<int>(sizeof effects / sizeof *effects));
+    tcase_add_loop_test(bad, test_an_effect_is_no_bad_log, 0,
+                        static_cast<int>(sizeof effects / sizeof *effects));
     tcase_add_test(bad, test_a_declared_payload_is_expected);
     tcase_add_test(bad, test_what_cannot_be_told_is_not_said);
     tcase_add_test(bad, test_measured_logs_are_left_in_peace);

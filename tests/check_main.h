@@ -9,6 +9,7 @@
 #define CHECK_MAIN_H
 
 #include <check.h>
+#undef fail /* an old word of Check's, and one of the C++ streams */
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>

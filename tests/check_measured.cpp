@@ -12,7 +12,7 @@
 #include "model/ident.hpp"
 #include "tools/measured_signals.hpp"
 
-#include "tests/check_main.h" // last: check.h defines words the C++ headers use
+#include "tests/check_main.h"
 
 using namespace hdt;
 using namespace hdt::measured;

@@ -28,44 +28,9 @@
 
 #include "driver/drv_backend.h"
 #include "driver/drv_telegram.h"
+#include "tests/bus_frames.h"
 #include "tests/check_main.h"
-
-static struct hdt_frame frame_of(unsigned len, uint64_t seed)
-{
-    struct hdt_frame f = {.len = (uint16_t)len};
-    for (unsigned i = 0; i < len; i++)
-        f.data[i] = (uint8_t)test_random(&seed);
-    return f;
-}
-
-static int send_to(const struct hdt_bus *b, const struct hdt_frame *f)
-{
-    return b->send(b->ctx, f);
-}
-
-static int recv_from(const struct hdt_bus *b, struct hdt_frame *f)
-{
-    memset(f, 0x77, sizeof *f);
-    return b->recv(b->ctx, f);
-}
-
-static void assert_same(const struct hdt_frame *a, const struct hdt_frame *b)
-{
-    ck_assert_uint_eq(a->len, b->len);
-    ck_assert_mem_eq(a->data, b->data, a->len);
-}
-
-/* Wait, at most 5 s, until something else than nothing is there. */
-static int recv_wait(const struct hdt_bus *b, struct hdt_frame *f)
-{
-    int e = recv_from(b, f);
-    for (int n = 0; e == HDT_BUS_ERR_AGAIN && n < 500; n++) {
-        struct pollfd p = {.fd = b->fd(b->ctx), .events = POLLIN};
-        poll(&p, 1, 10);
-        e = recv_from(b, f);
-    }
-    return e;
-}
+#include "tests/example_command.h"
 
 /* Send, waiting at most 5 s for a place in the queue. */
 static int send_wait(const struct hdt_bus *b, const struct hdt_frame *f)
@@ -231,7 +196,8 @@ START_TEST(test_error_frames_become_the_state_of_the_line)
         for (size_t k = 0; k < sizeof at / sizeof at[0]; k++) {
             raw_send(controller, CAN_ERR_FLAG | at[k].id, 8, at[k].second);
             int e = recv_from(&host, &got);
-            /* where errors have a socket of their own, the carrier, which a vcan never loses, is seen at once */
+            /* where errors have a socket of their own, the carrier, which
+             * a vcan never loses, is seen at once */
             if (at[k].line == HDT_LINE_OFF && kind == 1) {
                 ck_assert_uint_eq(health_of(&host).offs, 1);
                 continue;
@@ -338,23 +304,13 @@ START_TEST(test_isotp_is_cut_on_the_wire_as_the_format_document_shows)
         {0x1ff, 3, {0x30, 0x04, 0x00}}, {0x1fe, 4, {0x25, 0x80, 0xff, 0x7f}},
     };
     const char *classical = getenv("HDT_CAN_CLASSICAL") ? getenv("HDT_CAN_CLASSICAL") : "vcan1";
-    struct drv_command c = {.seq = 42, .type = DRV_CYCLIC};
+    struct drv_command c = example_command();
     struct hdt_bus host, servo;
     struct hdt_frame f, got;
     char err[300] = "", name[40];
     snprintf(name, sizeof name, "can:%s", classical);
     if (open_both(name, &host, &servo, err, sizeof err) != 0)
         HDT_SKIP(err);
-    for (int i = 0; i < DRV_AXES; i++)
-        c.axis[i].mode = DRV_AXIS_BRAKE;
-    c.axis[0].mode = c.axis[1].mode = DRV_AXIS_SERVO | DRV_AXIS_TORQUE;
-    c.axis[0].torque_dig = 1000;
-    c.axis[1].torque_dig = -1;
-    c.axis[3].mode = DRV_AXIS_SERVO;
-    c.axis[3].speed_dig = -5000;
-    c.axis[6].mode = DRV_AXIS_BRAKE | DRV_AXIS_DEADMAN;
-    c.axis[6].torque_dig = INT16_MIN;
-    c.axis[6].speed_dig = INT16_MAX;
     int tap = raw_socket(classical);
     ck_assert_int_eq(drv_command_encode(DRV_FORMAT_A, &c, &f), 0);
     ck_assert_int_eq(send_to(&host, &f), HDT_BUS_OK);

@@ -20,7 +20,7 @@
 #include "tools/hdt_paper_page.hpp"
 #include "tools/hdt_paper_results.hpp"
 #include "tests/scratch.hpp"
-#include "tests/check_main.h" // last: check.h defines words the C++ headers use
+#include "tests/check_main.h"
 
 using namespace hdt;
 using namespace hdt::paper;

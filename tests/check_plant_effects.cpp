@@ -18,7 +18,7 @@
 #include "sim/plant_parts.h"
 #include "tools/hdt_effects.hpp"
 #include "tools/hdt_rig.hpp"
-#include "tests/check_main.h" // last: check.h defines words the C++ headers use
+#include "tests/check_main.h"
 
 using namespace hdt;
 

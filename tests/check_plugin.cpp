@@ -27,7 +27,7 @@
 #include "driver/hdt_plugin.h"
 #include "tests/check_main.h"
 #include "tests/driver_rig.h"
-#include "tests/scratch.hpp"
+#include "tests/shell.hpp"
 
 namespace {
 
@@ -38,8 +38,7 @@ std::vector<uint8_t> image;
 
 void load_plugin()
 {
-    const char *build = std::getenv("BUILD");
-    std::string path = std::string(build ? build : "build") + "/libhdt.so." + std::to_string(HDT_VERSION_MAJOR) + "." +
+    std::string path = build_dir() + "/libhdt.so." + std::to_string(HDT_VERSION_MAJOR) + "." +
                        std::to_string(HDT_VERSION_MINOR) + "." + std::to_string(HDT_VERSION_PATCH);
     void *so = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
     ck_assert_msg(so != nullptr, "%s", dlerror());
@@ -62,7 +61,8 @@ struct Servo {
     Servo() : path(scratch("bus"))
     {
         char err[256];
-        ck_assert_msg(hdt_bus_open(&rig.bus, ("unix:" + path).c_str(), HDT_BUS_SERVO, err, sizeof err) == 0, "%s", err);
+        ck_assert_msg(hdt_bus_open(&rig.bus, ("unix:" + path).c_str(), HDT_BUS_SERVO, err, sizeof err) == 0,
+                      "%s", err);
         ck_assert_int_eq(pthread_create(&thread, nullptr, serve, this), 0);
     }
     ~Servo()
@@ -108,7 +108,9 @@ int expected(Op op, Model &m)
     switch (op) {
     case Create: return go(none, HDT_PLUGIN_CREATED);
     case Load: return go(idle && !m.open, HDT_PLUGIN_LOADED);
-    case LoadBad: return go(idle && !m.open, HDT_PLUGIN_CREATED) == HDT_OK ? HDT_PLUGIN_ERR_IMAGE : HDT_PLUGIN_ERR_STATE;
+    case LoadBad:
+        return go(idle && !m.open, HDT_PLUGIN_CREATED) == HDT_OK ? HDT_PLUGIN_ERR_IMAGE
+                                                                 : HDT_PLUGIN_ERR_STATE;
     case LoadNull: return idle ? int{HDT_ERR_ARG} : int{HDT_PLUGIN_ERR_STATE};
     case Info: return go(loaded || running, m.state);
     case Start: return go(loaded, HDT_PLUGIN_RUNNING);
@@ -152,7 +154,9 @@ struct Arm {
     struct drv_counters count = {};
 
     // a host keeps the pointer that create gave; calls before it go to the same memory
-    Arm() : memory((p->memory_bytes + 7) / 8), arm(reinterpret_cast<struct hdt_plugin_arm *>(memory.data())) {}
+    Arm() : memory((p->memory_bytes + 7) / 8), arm(reinterpret_cast<struct hdt_plugin_arm *>(memory.data()))
+    {
+    }
 
     int call(Op op)
     {
@@ -323,7 +327,8 @@ START_TEST(test_null_and_foreign_memory_are_errors_not_crashes)
     ck_assert_int_eq(p->create(&me, bytes, p->memory_bytes - 1, &arm), HDT_PLUGIN_ERR_MEMORY);
     ck_assert_ptr_null(arm);
     std::vector<uint64_t> larger(size / 8 + 1);
-    ck_assert_int_eq(p->create(&me, reinterpret_cast<uint8_t *>(larger.data()) + 1, size, &arm), HDT_PLUGIN_ERR_MEMORY);
+    ck_assert_int_eq(p->create(&me, reinterpret_cast<uint8_t *>(larger.data()) + 1, size, &arm),
+                     HDT_PLUGIN_ERR_MEMORY);
     std::memset(bytes, 0xa5, size);
     ck_assert_int_eq(p->create(&me, bytes, size, &arm), HDT_PLUGIN_ERR_MEMORY);
     ck_assert_int_eq(p->start(a.arm), HDT_PLUGIN_ERR_STATE);
@@ -346,7 +351,8 @@ START_TEST(test_another_abi_is_refused_and_both_numbers_can_be_read)
         other.abi.minor += way == 1;
         other.in_bytes += way == 2 ? 4 : 0;
         other.out_bytes -= way == 3 ? 4 : 0;
-        ck_assert_int_eq(p->create(&other, a.memory.data(), a.memory.size() * 8, &arm), HDT_PLUGIN_ERR_VERSION);
+        ck_assert_int_eq(p->create(&other, a.memory.data(), a.memory.size() * 8, &arm),
+                         HDT_PLUGIN_ERR_VERSION);
         ck_assert_uint_eq(a.memory[0], 0);
     }
     hdt_plugin_host older = me;

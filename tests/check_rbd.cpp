@@ -156,7 +156,8 @@ static VectorXd lagrange(const hdt_arm &arm, const VectorXd &q, const VectorXd &
     return tau;
 }
 
-static void expect_near(const VectorXd &a, const VectorXd &b, double tolerance, const char *what, uint64_t seed)
+static void expect_near(const VectorXd &a, const VectorXd &b, double tolerance, const char *what,
+                        uint64_t seed)
 {
     ck_assert_int_eq((int)a.size(), (int)b.size());
     const double worst = (a - b).cwiseAbs().maxCoeff();
@@ -295,7 +296,8 @@ START_TEST(test_link_without_inertial_numbers_has_no_mass)
         std::memset(arm.joint[j].moment_kgm, 0, sizeof arm.joint[j].moment_kgm);
         std::memset(arm.joint[j].inertia_kgm2, 0, sizeof arm.joint[j].inertia_kgm2);
     }
-    const VectorXd q = random_vector(&seed, 4, 3), qd = random_vector(&seed, 4, 2), qdd = random_vector(&seed, 4, 5);
+    const VectorXd q = random_vector(&seed, 4, 3), qd = random_vector(&seed, 4, 2);
+    const VectorXd qdd = random_vector(&seed, 4, 5);
     expect_near(inverse_dynamics(bare, q, qd, qdd), inverse_dynamics(arm, q, qd, qdd), 0, "no mass", 5);
     ck_assert_double_eq(potential_j(bare, q), potential_j(arm, q));
     ck_assert_double_gt(gravity(bare, q).norm(), 0); // the payload is still there
@@ -359,7 +361,8 @@ START_TEST(test_holding_a_horizontal_arm_pushes_up)
     q[1] = std::acos(0.0);
     ck_assert_double_gt(flange(arm, q).pos.x(), 1.0);
     ck_assert_double_lt(gravity(arm, q)[1], -50);
-    ck_assert_double_gt(inverse_dynamics(arm, q, VectorXd::Zero(7), VectorXd::Unit(7, 1))[1], gravity(arm, q)[1]);
+    ck_assert_double_gt(inverse_dynamics(arm, q, VectorXd::Zero(7), VectorXd::Unit(7, 1))[1],
+                        gravity(arm, q)[1]);
 }
 END_TEST
 

@@ -79,7 +79,11 @@ struct Page {
 
 static std::string resolve(std::string s)
 {
-    static const char *const refs[][2] = {{"&lt;", "<"}, {"&gt;", ">"}, {"&quot;", "\""}, {"&apos;", "'"}, {"&amp;", "&"}};
+    static const char *const refs[][2] = {{"&lt;", "<"},
+                                          {"&gt;", ">"},
+                                          {"&quot;", "\""},
+                                          {"&apos;", "'"},
+                                          {"&amp;", "&"}};
     for (const auto &r : refs)
         for (std::size_t at = 0; (at = s.find(r[0], at)) != std::string::npos; ++at)
             s.replace(at, std::strlen(r[0]), r[1]);
@@ -99,13 +103,15 @@ static void read_attributes(Page *page, const std::string &tag, std::size_t at)
             return;
         }
         const std::size_t end = tag.find(tag[equals + 1], equals + 2);
-        const std::string name = tag.substr(at, equals - at), value = tag.substr(equals + 2, end - equals - 2);
+        const std::string name = tag.substr(at, equals - at);
+        const std::string value = tag.substr(equals + 2, end - equals - 2);
         if (name == "id" && ++page->ids[value] > 1)
             page->trouble = "id '" + value + "' twice";
         if (name == "href")
             page->targets.push_back(value);
         if (value.find("url(") != std::string::npos)
-            page->targets.push_back(value.substr(value.find("url(") + 4, value.find(')') - value.find("url(") - 4));
+            page->targets.push_back(value.substr(value.find("url(") + 4,
+                                                 value.find(')') - value.find("url(") - 4));
         at = end + 1;
     }
 }
@@ -120,8 +126,10 @@ static Page read_page(const std::string &html)
     while (at < html.size()) {
         const std::size_t less = std::min(html.find('<', at), html.size());
         const std::string text = html.substr(at, less - at);
+        const bool fetches = text.find("url(") != std::string::npos ||
+                             text.find("@import") != std::string::npos;
         if (!open.empty() && open.back() == "style")
-            page.targets.push_back(text.find("url(") == std::string::npos && text.find("@import") == std::string::npos ? "" : "css");
+            page.targets.push_back(fetches ? "css" : "");
         else
             page.text += resolve(text);
         if (less == html.size())
@@ -184,7 +192,8 @@ static Strokes strokes_of(const std::string &html, int series)
     return out;
 }
 
-static Series make_series(const std::string &title, std::size_t n, double (*y)(double), Series::Style style = Series::Line)
+static Series make_series(const std::string &title, std::size_t n, double (*y)(double),
+                          Series::Style style = Series::Line)
 {
     Series s;
     s.title = title;
@@ -209,7 +218,8 @@ static Plot make_plot(const std::string &title, const std::vector<Series> &serie
 static double wave(double x) { return std::sin(20 * x); }
 static double bend(double x) { return x * x; }
 
-static const char nasty[] = "<script>alert('x')</script> & \"q\" </title></style> `touch pwned` $(id) %s \\n {/Bold x} &lt;b&gt; \xc2\xb1";
+static const char nasty[] = "<script>alert('x')</script> & \"q\" </title></style> `touch pwned` $(id) %s \\n "
+                            "{/Bold x} &lt;b&gt; \xc2\xb1";
 
 START_TEST(test_text_is_never_markup)
 {
@@ -240,8 +250,9 @@ START_TEST(test_labels_cannot_leave_their_quotes)
     if (!have_gnuplot())
         HDT_SKIP("gnuplot is not installed");
     const std::string pwned = work_dir + "/pwned";
-    for (const std::string &attack : {"'; system('touch " + pwned + "') #", "x\nsystem('touch " + pwned + "')\n",
-                                     "x'\nset output '" + pwned + "'\n", "EOD\nsystem('touch " + pwned + "')"}) {
+    for (const std::string &attack :
+         {"'; system('touch " + pwned + "') #", "x\nsystem('touch " + pwned + "')\n",
+          "x'\nset output '" + pwned + "'\n", "EOD\nsystem('touch " + pwned + "')"}) {
         Report r("t");
         Plot p = make_plot(attack, {make_series(attack, 9, wave)});
         p.xlabel = p.ylabel = attack;
@@ -257,13 +268,18 @@ static Report rich_report()
     const double nan = std::nan("");
     r.verdict("good", true);
     r.verdict("bad", false);
-    r.table({{"joint", "rms, N m", "verdict"}, {"1", "0.62", "nothing"}, {"2", "0.86 \xc2\xb1 0.01", "named"}, {"3"}}, "caption");
+    r.table({{"joint", "rms, N m", "verdict"},
+             {"1", "0.62", "nothing"},
+             {"2", "0.86 \xc2\xb1 0.01", "named"},
+             {"3"}},
+            "caption");
     r.table({}, "empty");
     Plot p = make_plot("lines", {make_series("before", 400, wave), make_series("after", 400, bend)});
     p.series[0].y[200] = nan;
     r.plot(p);
     p = make_plot("cloud", {make_series("cloud", 400, wave, Series::Points)});
-    Plot q = make_plot("bars", {make_series("bars", 40, bend, Series::Impulses), make_series("steps", 40, bend, Series::Steps)});
+    Plot q = make_plot("bars", {make_series("bars", 40, bend, Series::Impulses),
+                                make_series("steps", 40, bend, Series::Steps)});
     q.log_y = true;
     p.equal_axes = true;
     r.plots({p, q});
@@ -283,7 +299,8 @@ START_TEST(test_report_stands_alone_and_is_well_formed)
         ck_assert_msg(html.find(outside) == std::string::npos, "found %s", outside);
     ck_assert_uint_gt(page.targets.size(), 1);
     for (const std::string &t : page.targets)
-        ck_assert_msg(t.empty() || (t[0] == '#' && page.ids.count(t.substr(1)) == 1), "reference to '%s'", t.c_str());
+        ck_assert_msg(t.empty() || (t[0] == '#' && page.ids.count(t.substr(1)) == 1), "reference to '%s'",
+                      t.c_str());
     ck_assert_int_eq((int)std::count(page.tags.begin(), page.tags.end(), "svg"), 3);
     ck_assert_int_eq((int)std::count(page.tags.begin(), page.tags.end(), "figure"), 4);
     ck_assert_str_eq(page.tags[0].c_str(), "html");
@@ -303,11 +320,15 @@ END_TEST
 START_TEST(test_numbers_are_right_aligned_under_their_head)
 {
     Report r("t");
-    r.table({{"name", "value", "mixed"}, {"a", "-1.5e3", "x"}, {"2b", "12 %", "3"}, {"c", "0.41 \xc2\xb1 0.01", "n/a"},
-             {"d", "1 2", "1 \xc2\xb1"}}, "c");
+    r.table({{"name", "value", "mixed"},
+             {"a", "-1.5e3", "x"},
+             {"2b", "12 %", "3"},
+             {"c", "0.41 \xc2\xb1 0.01", "n/a"},
+             {"d", "1 2", "1 \xc2\xb1"}},
+            "c");
     const std::string html = text_of(r);
-    for (const char *right : {"<th class=\"n\">value<", "<th class=\"n\">mixed<", "<td class=\"n\">-1.5e3<", "<td class=\"n\">12 %<",
-                              "<td class=\"n\">3<", "<td class=\"n\">n/a<"})
+    for (const char *right : {"<th class=\"n\">value<", "<th class=\"n\">mixed<", "<td class=\"n\">-1.5e3<",
+                              "<td class=\"n\">12 %<", "<td class=\"n\">3<", "<td class=\"n\">n/a<"})
         ck_assert_msg(html.find(right) != std::string::npos, "missing %s", right);
     for (const char *left : {"<th>name<", "<td>a<", "<td>2b<", "<td>x<", "<td>1 2<", "<td>1 \xc2\xb1<"})
         ck_assert_msg(html.find(left) != std::string::npos, "missing %s", left);
@@ -345,7 +366,8 @@ START_TEST(test_thinning_keeps_every_spike)
         // both spikes are there and as high as each other
         ck_assert_double_gt(bottom - top, 150); // of 320 px, less axes
         ck_assert_double_le(std::fabs(rest - (top + bottom) / 2), 1);
-        ck_assert_double_le(std::fabs((top_x - left) / (right - left) - (double)up / (double)s.y.size()), 2.0 / 800);
+        ck_assert_double_le(std::fabs((top_x - left) / (right - left) - (double)up / (double)s.y.size()),
+                            2.0 / 800);
     }
 }
 END_TEST
@@ -421,7 +443,8 @@ START_TEST(test_what_is_not_finite_is_a_gap)
 {
     if (!have_gnuplot())
         HDT_SKIP("gnuplot is not installed");
-    const double bad[] = {std::nan(""), std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity(), 1e305};
+    const double bad[] = {std::nan(""), std::numeric_limits<double>::infinity(),
+                          -std::numeric_limits<double>::infinity(), 1e305};
     for (const double b : bad)
         for (const int in_x : {0, 1}) {
             Series s = make_series("", 5000, flat);
@@ -477,7 +500,8 @@ START_TEST(test_odd_data_is_drawn)
             s.x.assign((std::size_t)points, x);
             s.y.assign((std::size_t)points, x);
             s.y.push_back(3); // longer than x: the rest has no place
-            for (const Series::Style style : {Series::Line, Series::Points, Series::Steps, Series::Impulses}) {
+            for (const Series::Style style :
+                 {Series::Line, Series::Points, Series::Steps, Series::Impulses}) {
                 s.style = style;
                 Plot p = make_plot("p", {s});
                 p.equal_axes = style == Series::Line;
@@ -496,7 +520,8 @@ static std::string ink(const std::string &html, std::size_t figure, int series)
     for (std::size_t k = 0; k <= figure; ++k)
         at = html.find("<svg", at + 1);
     at = html.find("gnuplot_plot_" + std::to_string(series) + "\"", at);
-    const std::size_t d = html.find(" d='M", html.find("<path", html.find("<text>", at) < html.find("<path", at) ? at : at));
+    const std::size_t d =
+        html.find(" d='M", html.find("<path", html.find("<text>", at) < html.find("<path", at) ? at : at));
     const std::size_t stroke = html.rfind("stroke='rgb", d);
     ck_assert(stroke != std::string::npos && stroke > at);
     return html.substr(stroke + 8, html.find('\'', stroke + 8) - stroke - 8);
@@ -539,7 +564,9 @@ START_TEST(test_missing_gnuplot_is_named_with_its_remedy)
 {
     setenv("PATH", "/nonexistent", 1);
     const std::string line = failure_of_a_plot();
-    ck_assert_msg(line.find("gnuplot cannot be run") != std::string::npos && line.find("gnuplot-nox") != std::string::npos, "%s", line.c_str());
+    ck_assert_msg(line.find("gnuplot cannot be run") != std::string::npos &&
+                      line.find("gnuplot-nox") != std::string::npos,
+                  "%s", line.c_str());
     ck_assert_uint_eq(entries(work_dir).size(), 0);
 }
 END_TEST
@@ -559,7 +586,9 @@ START_TEST(test_failing_gnuplot_is_quoted)
         std::ofstream(fake) << c.body;
         chmod(fake.c_str(), 0700);
         const std::string line = failure_of_a_plot();
-        ck_assert_msg(line.find("gnuplot failed") != std::string::npos && line.find(c.say) != std::string::npos, "'%s'", line.c_str());
+        ck_assert_msg(line.find("gnuplot failed") != std::string::npos &&
+                          line.find(c.say) != std::string::npos,
+                      "'%s'", line.c_str());
         ck_assert_uint_eq(entries(work_dir).size(), 1); // the fake alone
     }
     unlink(fake.c_str());
@@ -584,9 +613,21 @@ END_TEST
 START_TEST(test_numbers_for_people)
 {
     static const struct { double x; int digits; const char *want; } cases[] = {
-        {0, 3, "0"}, {0.6234, 3, "0.623"}, {-0.6234, 3, "-0.623"}, {9.996, 3, "10.0"}, {99.96, 3, "100"}, {12345.6, 3, "12346"},
-        {1.5, 3, "1.50"}, {0.00012345, 3, "0.000123"}, {1.2345e-7, 3, "1.23e-07"}, {1.2345e12, 3, "1.23e+12"}, {2, 1, "2"},
-        {1.23456, 5, "1.2346"}, {NAN, 3, "n/a"}, {INFINITY, 3, "n/a"}, {0.999999, 3, "1.00"},
+        {0, 3, "0"},
+        {0.6234, 3, "0.623"},
+        {-0.6234, 3, "-0.623"},
+        {9.996, 3, "10.0"},
+        {99.96, 3, "100"},
+        {12345.6, 3, "12346"},
+        {1.5, 3, "1.50"},
+        {0.00012345, 3, "0.000123"},
+        {1.2345e-7, 3, "1.23e-07"},
+        {1.2345e12, 3, "1.23e+12"},
+        {2, 1, "2"},
+        {1.23456, 5, "1.2346"},
+        {NAN, 3, "n/a"},
+        {INFINITY, 3, "n/a"},
+        {0.999999, 3, "1.00"},
     };
     for (const auto &c : cases) {
         const std::string text = num(c.x, c.digits); // the check keeps a pointer
@@ -598,7 +639,8 @@ START_TEST(test_numbers_for_people)
         const double x = test_uniform(&seed, -1, 1) * std::pow(10, test_uniform(&seed, -12, 12));
         const int digits = 1 + (int)(test_random(&seed) % 12);
         const double back = std::atof(num(x, digits).c_str());
-        ck_assert_double_le(std::fabs(back - x), 0.5001 * std::pow(10, 1 - digits) * std::fabs(x) * 1.0000001);
+        ck_assert_double_le(std::fabs(back - x),
+                            0.5001 * std::pow(10, 1 - digits) * std::fabs(x) * 1.0000001);
     }
 }
 END_TEST

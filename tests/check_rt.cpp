@@ -6,47 +6,28 @@
 // Method: tests/rt_shim.c loaded before the program; a probe shows that the shim catches.
 // A machine that stalls for 30 periods faults a run, rightly: it is done again, twice at most.
 #include <cstdio>
-#include <cstdlib>
-#include <fstream>
-#include <sstream>
 #include <string>
 
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "tests/check_main.h"
-#include "tests/scratch.hpp"
+#include "tests/shell.hpp"
 
 namespace {
-
-struct Result { int code; std::string out; };
-
-// A shell line in the test's directory: $H is hdt, $A the PA-10's file, $P the probe, SHIM loads the shim.
-Result sh(const std::string &line)
-{
-    char here[4096];
-    if (!getcwd(here, sizeof here))
-        ck_abort();
-    const char *build = std::getenv("BUILD");
-    std::string root = here, bin = root + "/" + (build ? build : "build"), dir = scratch_dir();
-    std::string command = "cd " + dir + "; H=" + bin + "/hdt; A=" + root + "/model/arms/pa10.toml; P=" + bin +
-                          "/tests/rt_probe; SHIM='env LD_PRELOAD=" + bin + "/tests/rt_shim.so'; (" + line + ") >out 2>&1";
-    int status = std::system(command.c_str());
-    std::ifstream file(dir + "/out");
-    std::ostringstream text;
-    text << file.rdbuf();
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : 128, text.str()};
-}
 
 // With a servo standing where the task starts; the last command's exit code.  A loaded machine takes its
 // time to start a program, so a line waits for what it needs: `said TEXT` until the host has written that
 // into the file host, `runs` until its log has rows.
 Result with_servo(const std::string &line)
 {
-    return sh("rm -f bus host x.*; waits() { for i in $(seq 300); do \"$@\" 2>/dev/null && return; sleep 0.1; done; echo \"never: $*\"; }; "
-              "said() { waits grep -q \"$1\" host; }; runs() { waits test -s x.csv.part; sleep 0.5; }; "
-              "$H servo --arm $A --task lemniscate --bus unix:$PWD/bus --seconds 100 2>servo & s=$!; waits test -S bus; " + line +
-              "; c=$?; kill $s 2>/dev/null; wait $s; cat host servo; exit $c");
+    return sh_together("rm -f bus host x.*; "
+                       "waits() { for i in $(seq 300); do \"$@\" 2>/dev/null && return; sleep 0.1; done; "
+                       "echo \"never: $*\"; }; "
+                       "said() { waits grep -q \"$1\" host; }; "
+                       "runs() { waits test -s x.csv.part; sleep 0.5; }; "
+                       "$H servo --arm $A --task lemniscate --bus unix:$PWD/bus --seconds 100 2>servo & "
+                       "s=$!; waits test -S bus; " + line +
+                       "; c=$?; kill $s 2>/dev/null; wait $s; cat host servo; exit $c");
 }
 
 Result three_times(const std::string &line)
@@ -80,14 +61,14 @@ unsigned long sleeps_of(const Result &r)
 
 START_TEST(test_the_shim_catches_an_allocation_and_a_system_call)
 {
-    Result r = sh("$SHIM $P nothing");
+    Result r = sh_together("$SHIM $P nothing");
     if (r.code == 98)
         HDT_SKIP("this kernel has no seccomp filters: the control thread's calls cannot be watched");
     ck_assert_int_eq(r.code, 0);
     assert_holds(r, "rt_shim: 10 sleeps, 0 allocations");
-    r = sh("$SHIM $P malloc");
+    r = sh_together("$SHIM $P malloc");
     assert_holds(r, "rt_shim: 10 sleeps, 2 allocations");
-    r = sh("$SHIM $P open");
+    r = sh_together("$SHIM $P open");
     ck_assert_int_eq(r.code, 97);
     assert_holds(r, "the control thread made system call ");
 }
@@ -96,8 +77,9 @@ END_TEST
 START_TEST(test_the_control_thread_allocates_nothing_and_calls_only_sleep_clock_and_bus)
 {
     static const char *const clock[] = {"", " --follow-bus 300"};
-    Result r = three_times(std::string("(said ready:; echo go; said run:; sleep 1; echo hold; said hold:; sleep 1; echo go; sleep 0.3; "
-                                       "echo stop; said done:) | ") + host + clock[_i]);
+    Result r = three_times(std::string("(said ready:; echo go; said run:; sleep 1; echo hold; said hold:; "
+                                       "sleep 1; echo go; sleep 0.3; echo stop; said done:) | ") +
+                           host + clock[_i]);
     if (r.code == 98)
         HDT_SKIP("this kernel has no seccomp filters: the control thread's calls cannot be watched");
     ck_assert_msg(r.code == 0, "%s", r.out.c_str());
@@ -114,9 +96,12 @@ END_TEST
 START_TEST(test_a_servo_that_comes_back_is_taken_up_without_an_allocation)
 {
     // gone and back: a stale fault, cleared by the operator
-    Result r = with_servo("(said ready:; kill $s; said fault:; rm -f bus; $H servo --arm $A --task lemniscate --bus unix:$PWD/bus "
-                          "--seconds 30 2>/dev/null & n=$!; said fault:; sleep 0.5; waits test -S bus; sleep 0.5; echo clear; "
-                          "waits sh -c '[ $(grep -c ready: host) = 2 ]'; echo stop; said done:; kill $n) | " + std::string(host));
+    Result r = with_servo("(said ready:; kill $s; said fault:; rm -f bus; "
+                          "$H servo --arm $A --task lemniscate --bus unix:$PWD/bus --seconds 30 "
+                          "2>/dev/null & "
+                          "n=$!; said fault:; sleep 0.5; waits test -S bus; sleep 0.5; echo clear; "
+                          "waits sh -c '[ $(grep -c ready: host) = 2 ]'; echo stop; said done:; kill $n) | " +
+                          std::string(host));
     if (r.code == 98)
         HDT_SKIP("this kernel has no seccomp filters: the control thread's calls cannot be watched");
     ck_assert_msg(r.code == 0, "%s", r.out.c_str());
@@ -129,9 +114,11 @@ END_TEST
 
 START_TEST(test_signals_and_a_gone_operator_end_with_brakes_on)
 {
-    for (const char *how : {"$H host --model $A --bus unix:$PWD/bus --out x.csv >host 2>&1 & h=$!; runs; kill -INT $h; wait $h",
-                            "$H host --model $A --bus unix:$PWD/bus --out x.csv >host 2>&1 & h=$!; runs; kill -TERM $h; wait $h",
-                            "said ready: | $H host --operator --model $A --bus unix:$PWD/bus --out x.csv >host 2>&1"}) {
+    for (const char *how :
+         {"$H host --model $A --bus unix:$PWD/bus --out x.csv >host 2>&1 & h=$!; runs; kill -INT $h; wait $h",
+          "$H host --model $A --bus unix:$PWD/bus --out x.csv >host 2>&1 & h=$!; runs; "
+          "kill -TERM $h; wait $h",
+          "said ready: | $H host --operator --model $A --bus unix:$PWD/bus --out x.csv >host 2>&1"}) {
         Result r = three_times(how);
         ck_assert_msg(r.code == 0, "%s: %d: %s", how, r.code, r.out.c_str());
         // an end that the servo did not confirm would be said
@@ -144,7 +131,8 @@ END_TEST
 
 START_TEST(test_a_servo_that_dies_is_a_stale_fault_in_words)
 {
-    Result r = with_servo("$H host --model $A --bus unix:$PWD/bus --out x.csv >host 2>&1 & h=$!; runs; kill -KILL $s; wait $h");
+    Result r = with_servo("$H host --model $A --bus unix:$PWD/bus --out x.csv >host 2>&1 & h=$!; "
+                          "runs; kill -KILL $s; wait $h");
     ck_assert_int_eq(r.code, 1);
     assert_holds(r, "faulted: stale: no state from the servo for more than");
     assert_holds(r, "did not confirm the end");
@@ -156,13 +144,15 @@ START_TEST(test_options_that_cannot_be_are_refused)
     static const char *const bad[][2] = {{"--overrun never", "expected count, hold or stop"},
                                          {"--follow-bus 1500", "less than the period of 1428 us"}};
     for (const auto &[option, words] : bad) {
-        Result r = with_servo(std::string("$H host --model $A --bus unix:$PWD/bus --out x.csv >host 2>&1 ") + option);
+        Result r = with_servo(std::string("$H host --model $A --bus unix:$PWD/bus --out x.csv >host 2>&1 ") +
+                              option);
         ck_assert_int_eq(r.code, 3);
         assert_holds(r, words);
     }
     ck_assert_int_eq(sh("$H host --model $A --bus unix:$PWD/bus --out x.csv --priority 100").code, 2);
     // a processor that is not there is said, and the run goes on
-    Result r = three_times("$H host --model $A --bus unix:$PWD/bus --out x.csv --cpu 1000 >host 2>&1 & h=$!; runs; kill -INT $h; wait $h");
+    Result r = three_times("$H host --model $A --bus unix:$PWD/bus --out x.csv --cpu 1000 >host 2>&1 & h=$!; "
+                           "runs; kill -INT $h; wait $h");
     ck_assert_int_eq(r.code, 0);
     assert_holds(r, "not bound to the processor");
 }
@@ -174,7 +164,8 @@ static Suite *rt_suite(void)
     TCase *t = tcase_create("host process");
     tcase_set_timeout(t, 240);
     tcase_add_test(t, test_the_shim_catches_an_allocation_and_a_system_call);
-    tcase_add_loop_test(t, test_the_control_thread_allocates_nothing_and_calls_only_sleep_clock_and_bus, 0, 2);
+    tcase_add_loop_test(t, test_the_control_thread_allocates_nothing_and_calls_only_sleep_clock_and_bus, 0,
+                        2);
     tcase_add_test(t, test_a_servo_that_comes_back_is_taken_up_without_an_allocation);
     tcase_add_test(t, test_signals_and_a_gone_operator_end_with_brakes_on);
     tcase_add_test(t, test_a_servo_that_dies_is_a_stale_fault_in_words);

@@ -6,7 +6,6 @@
 // Method: each bad file is a good one with a single thing spoilt; the message is compared in full
 // where its words are the interface (file, line, column), else by its parts.
 #include <cmath>
-#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <string>
@@ -31,17 +30,6 @@ std::string put(const std::string &bytes, const char *name = "run.csv")
     ck_assert_uint_eq(std::fwrite(bytes.data(), 1, bytes.size(), file), bytes.size());
     std::fclose(file);
     return path;
-}
-
-std::string slurp(const std::string &path)
-{
-    std::string out;
-    FILE *file = std::fopen(path.c_str(), "rb");
-    ck_assert_ptr_nonnull(file);
-    for (int c; (c = std::fgetc(file)) != EOF;)
-        out += static_cast<char>(c);
-    std::fclose(file);
-    return out;
 }
 
 std::string error_of(const std::string &path)
@@ -157,7 +145,8 @@ END_TEST
 struct Bad { const char *bytes, *begins, *has; };
 
 const Bad bad_rows[] = {
-    {"t_s,q1_rad,tau1_nm\n0,1,2\n1,nan,2\n", ":3: column 'q1_rad': expected a finite number, found 'nan'", ""},
+    {"t_s,q1_rad,tau1_nm\n0,1,2\n1,nan,2\n", ":3: column 'q1_rad': expected a finite number, found 'nan'",
+     ""},
     {"t_s,q1_rad,tau1_nm\n0,1,2\n1,1,-inf\n", ":3: column 'tau1_nm'", "'-inf'"},
     {"t_s,q1_rad,tau1_nm\n0,1,1e999\n", ":2: column 'tau1_nm'", "1e999"},
     {"t_s,q1_rad,tau1_nm\n0,1,2\n1,1,\n", ":3: column 'tau1_nm'", "found ''"},
@@ -165,7 +154,8 @@ const Bad bad_rows[] = {
     {"t_s,q1_rad,tau1_nm\n0,1,2\n1,1.5.2,2\n", ":3: column 'q1_rad'", "1.5.2"},
     {"t_s,q1_rad,tau1_nm\n0,1,2\n1,+-1,2\n", ":3: column 'q1_rad'", "+-1"},
     {"t_s,q1_rad,tau1_nm\n0,1,2\n1,1 2,2\n", ":3: column 'q1_rad'", "'1 2'"},
-    {"t_s,q1_rad,tau1_nm\n5,1,2\n4.5,1,2\n", ":3: column 't_s'", "more than 5 s of the row before, found 4.5 s"},
+    {"t_s,q1_rad,tau1_nm\n5,1,2\n4.5,1,2\n", ":3: column 't_s'",
+     "more than 5 s of the row before, found 4.5 s"},
     {"q1_rad,tau1_nm,t_s\n1,2,5\n1,2,5\n", ":3: column 't_s'", "time must advance"},
     {"t_s,q1_rad,tau1_nm\n0,1,2\n1,1\n", ":3: expected 3 fields as in the header, found 2", ""},
     {"t_s,q1_rad,tau1_nm\n0,1,2\n1\n", ":3: expected 3 fields as in the header, found 1", ""},
@@ -206,12 +196,17 @@ const Bad bad_heads[] = {
     {"t_s,q1_rad,,tau1_nm\n0,1,2,3\n", ":1: expected a column name in field 3, found nothing", ""},
     {"t_s,q1_rad,tau2_nm\n0,1,2\n", ":1: expected at least one joint with both", ""},
     {"t_s,foo\n0,1\n", ":1: expected at least one joint with both", "found none"},
-    {"# payload_kg = 2 kg\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: constant 'payload_kg': expected 1 number, found '2 kg'", ""},
+    {"# payload_kg = 2 kg\nt_s,q1_rad,tau1_nm\n0,1,2\n",
+     ":1: constant 'payload_kg': expected 1 number, found '2 kg'", ""},
     {"# payload_kg = nan\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: constant 'payload_kg'", "'nan'"},
-    {"# x = 1\n# payload_com_m = 0 0\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":2: constant 'payload_com_m': expected 3 numbers", ""},
-    {"# payload_com_m = 0 0 0 1\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: constant 'payload_com_m': expected 3 numbers", ""},
-    {"# format = hdt-log\n# version = 2\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":2: log version: this program reads '1', found '2'", ""},
-    {"# format = hdt-arm\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":1: log format: this program reads 'hdt-log', found 'hdt-arm'", ""},
+    {"# x = 1\n# payload_com_m = 0 0\nt_s,q1_rad,tau1_nm\n0,1,2\n",
+     ":2: constant 'payload_com_m': expected 3 numbers", ""},
+    {"# payload_com_m = 0 0 0 1\nt_s,q1_rad,tau1_nm\n0,1,2\n",
+     ":1: constant 'payload_com_m': expected 3 numbers", ""},
+    {"# format = hdt-log\n# version = 2\nt_s,q1_rad,tau1_nm\n0,1,2\n",
+     ":2: log version: this program reads '1', found '2'", ""},
+    {"# format = hdt-arm\nt_s,q1_rad,tau1_nm\n0,1,2\n",
+     ":1: log format: this program reads 'hdt-log', found 'hdt-arm'", ""},
     {"# x = 1\n# x = 2\nt_s,q1_rad,tau1_nm\n0,1,2\n", ":2: constant 'x' is given twice", ""},
 };
 

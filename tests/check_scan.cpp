@@ -7,7 +7,7 @@
 #include <random>
 
 #include "model/scan.hpp"
-#include "tests/check_main.h" // last: check.h defines words the C++ headers use
+#include "tests/check_main.h"
 
 using namespace hdt;
 using Eigen::Index;
@@ -41,7 +41,9 @@ Sweep make_sweep(double order, double phase, bool directed)
             if (std::abs(at) > 1.2)
                 dir = at > 0 ? -1 : 1;
         }
-        const auto map = [](const std::vector<double> &x) { return VectorXd(Eigen::Map<const VectorXd>(x.data(), static_cast<Index>(x.size()))); };
+        const auto map = [](const std::vector<double> &x) {
+            return VectorXd(Eigen::Map<const VectorXd>(x.data(), static_cast<Index>(x.size())));
+        };
         s.rows.push_back({map(q), map(v), map(d), kPerBlock * kStep_s});
         s.line.push_back(map(y));
     }
@@ -77,9 +79,13 @@ START_TEST(test_line_is_found_at_its_order_and_kind)
             const std::vector<VectorXd> y = with_noise(s.line, 1.0, 7);
             const OrderGrid grid = order_grid(s.rows, 600);
             ck_assert_double_gt(grid.last, order);
-            const OrderScan scan = scan_orders(s.rows, y, white(1.0), grid); // white, unit noise: the score is y itself
+            // white, unit noise: the score is y itself
+            const OrderScan scan = scan_orders(s.rows, y, white(1.0), grid);
             std::vector<LineHit> hits = scan_peaks(scan, 3);
-            const LineHit best = *std::max_element(hits.begin(), hits.end(), [](const LineHit &a, const LineHit &b) { return a.power < b.power; });
+            const LineHit best = *std::max_element(hits.begin(), hits.end(),
+                                                   [](const LineHit &a, const LineHit &b) {
+                                                       return a.power < b.power;
+                                                   });
             ck_assert_msg(std::abs(best.order - order) <= grid.step, "order %g: found %g", order, best.order);
             ck_assert_int_eq(best.directed, directed);
         }
@@ -137,7 +143,8 @@ START_TEST(test_noise_has_no_peak_that_counts)
         const OrderScan scan = scan_orders(s.rows, with_noise(zero, 1, seed), white(1), grid);
         const double top = std::max(*std::max_element(scan.power[0].begin(), scan.power[0].end()),
                                     *std::max_element(scan.power[1].begin(), scan.power[1].end()));
-        // power is exponential with mean one: the largest of m stays under log(m) + 7 but for one in a thousand
+        // power is exponential with mean one: the largest of m stays
+        // under log(m) + 7 but for one in a thousand
         ck_assert_double_lt(top, std::log(2.0 * static_cast<double>(grid.count())) + 7);
     }
 }

@@ -26,6 +26,7 @@
 #include "model/arm_file.hpp"
 #include "model/terms.hpp"
 #include "tests/check_main.h"
+#include "tests/effects_arm.hpp"
 #include "tests/scratch.hpp"
 
 static hdt_arm load(const char *path)
@@ -55,23 +56,10 @@ static Made make(const hdt_arm &arm)
 
 static hdt_arm with_all_effects()
 {
-    hdt_arm arm = pa10();
+    hdt_arm arm = with_named_effects(pa10());
     for (int j = 0; j < arm.joints; j++) {
         hdt_arm_joint &joint = arm.joint[j];
         joint.torque_gain = 1.05;
-        joint.load_mu = 0.05;
-        joint.cold_coulomb_nm = 3;
-        joint.cold_viscous_nmspr = 4;
-        joint.warm_s = 900;
-        joint.presliding_nm = 1;
-        joint.presliding_rad = 1e-3;
-        joint.spring_nmprad = 2;
-        joint.spring_q0_rad = 0.3;
-        joint.torque_offset_nm = -0.7;
-        joint.extra_inertia_kgm2 = 0.4;
-        joint.lines = 2;
-        joint.line[0] = {100.5, 0.6, 0.2, 1};
-        joint.line[1] = {1.5, 0.5, -0.4, 0};
         joint.windup_rad = 2e-3;
         joint.bumps = 1;
         joint.bump[0] = {2, 0.1, 0.2};

@@ -201,10 +201,14 @@ struct edge { const char *name; size_t at; int64_t lo, hi; };
 #define HEAD(m, k, lo, hi) {#m, offsetof(struct hdt_tables, m) + 4 * (k), lo, hi}
 #define JOINT(m, k, lo, hi) {#m, offsetof(struct hdt_joint_tab, m) + 4 * (k), lo, hi}
 static const struct edge head_edges[] = {
-    HEAD(joints, 0, 1, 16), HEAD(stale_periods, 0, 1, 1000000),
-    HEAD(gravity_q24, 0, -(1 << 30), 1 << 30), HEAD(gravity_q24, 2, -(1 << 30), 1 << 30),
+    HEAD(joints, 0, 1, 16),
+    HEAD(stale_periods, 0, 1, 1000000),
+    HEAD(gravity_q24, 0, -(1 << 30), 1 << 30),
+    HEAD(gravity_q24, 2, -(1 << 30), 1 << 30),
     HEAD(observer, 0, 0, (1 << HDT_OBSERVED) - 1),
-    HEAD(observer_gain, 0, 0, 1 << 30), HEAD(observer_gain, 1, 0, 1 << 30), HEAD(observer_gain, 2, 0, 1 << 30),
+    HEAD(observer_gain, 0, 0, 1 << 30),
+    HEAD(observer_gain, 1, 0, 1 << 30),
+    HEAD(observer_gain, 2, 0, 1 << 30),
 };
 static const struct edge joint_edges[] = {
     JOINT(terms, 0, 0, (1 << HDT_TERMS) - 1),
@@ -257,7 +261,8 @@ static void assert_edge(const struct edge *e, void *owner, int in_joint)
         *at = (uint32_t)value[k];
         const int err = hdt_tables_check(&arm, &where, &joint);
         if (k < 2) {
-            ck_assert_msg(err == HDT_TABLES_OK, "%s = %lld refused for %s", e->name, (long long)value[k], where);
+            ck_assert_msg(err == HDT_TABLES_OK, "%s = %lld refused for %s", e->name, (long long)value[k],
+                          where);
         } else {
             ck_assert_msg(err == HDT_TABLES_RANGE, "%s = %lld accepted", e->name, (long long)value[k]);
             ck_assert_int_eq(joint, in_joint);
@@ -273,7 +278,8 @@ START_TEST(test_check_draws_every_line_where_it_says)
     ref_random_arm(&r, 16, &arm);
     arm.joint[1].stiffness[1].t2_q16 = 0;
     arm.joint[1].stiffness[1].t1_q16 = -1;
-    /* nothing but the range decides: no weight for gravity, no slope that friction could follow beyond its knots */
+    /* nothing but the range decides: no weight for gravity, no slope
+     * that friction could follow beyond its knots */
     for (int j = 0; j < 16; j++)
         memset(arm.joint[j].moment_q20, 0, sizeof arm.joint[j].moment_q20);
     for (int way = 0; way < 2; way++)
@@ -305,9 +311,12 @@ START_TEST(test_the_proof_assumes_no_low_pass_but_those_accepted)
     const int64_t one = 1 << 28, b = PROOF_B_MAX_Q28, a1 = PROOF_A1_MAX_Q28, a2 = PROOF_A2_MAX_Q28;
     ref_random_arm(&r, 1, &arm);
     /* b: a constant passes unchanged, so the largest stands over the largest of the poles' sum */
-    ck_assert(takes_biquad(b, 0, 0, a1, a2) && takes_biquad(0, b, 0, a1, a2) && takes_biquad(0, 0, b, a1, a2));
-    ck_assert(!takes_biquad(b + 1, 0, 0, a1, a2) && !takes_biquad(0, b + 1, 0, a1, a2) && !takes_biquad(0, 0, b + 1, a1, a2));
-    ck_assert(!takes_biquad(-1, b, 0, a1, a2) && !takes_biquad(b, -1, 0, a1, a2) && !takes_biquad(b, 0, -1, a1, a2));
+    ck_assert(takes_biquad(b, 0, 0, a1, a2) && takes_biquad(0, b, 0, a1, a2)
+              && takes_biquad(0, 0, b, a1, a2));
+    ck_assert(!takes_biquad(b + 1, 0, 0, a1, a2) && !takes_biquad(0, b + 1, 0, a1, a2)
+              && !takes_biquad(0, 0, b + 1, a1, a2));
+    ck_assert(!takes_biquad(-1, b, 0, a1, a2) && !takes_biquad(b, -1, 0, a1, a2)
+              && !takes_biquad(b, 0, -1, a1, a2));
     /* a2 and a1, with what the other leaves room for most */
     for (int k = -1; k <= 1; k += 2) {
         ck_assert(takes_biquad(one + k * a2, 0, 0, 0, k * a2));
@@ -326,7 +335,8 @@ START_TEST(test_the_shortest_and_longest_period_are_the_ranges)
     uint64_t r = 13;
     ref_random_arm(&r, 1, &arm);
     const struct { uint32_t ns; int32_t rate; const char *wrong; } at[] = {
-        {31000, 2114064516, NULL}, {30999, 2114132714, "period_ns"}, {1000000000, 65536, NULL}, {1000000001, 65536, "period_ns"}};
+        {31000, 2114064516, NULL}, {30999, 2114132714, "period_ns"},
+        {1000000000, 65536, NULL}, {1000000001, 65536, "period_ns"}};
     for (int k = 0; k < 4; k++) {
         const char *where = NULL;
         arm.period_ns = at[k].ns;
@@ -386,7 +396,8 @@ START_TEST(test_check_names_what_does_not_fit_together)
     TRY(j->q_max_q24 = j->q_min_q24, "q_min_q24", 2);
     TRY(j->moment_q20[0] = 1 << 30, "moment_q20", 2);
     /* the friction's last slope runs out of the format before the speed limit */
-    TRY((j->friction_shift = 10, j->friction_q16[1][128] = j->friction_q16[1][127] + (1 << 20)), "friction_q16", 2);
+    TRY((j->friction_shift = 10, j->friction_q16[1][128] = j->friction_q16[1][127] + (1 << 20)),
+        "friction_q16", 2);
     /* a wind-up line does at the largest load */
     TRY(j->stiffness[0].slope_q24[1] = INT32_MAX, "stiffness", 2);
     TRY(j->stiffness[1].intercept_q16[2] = INT32_MAX, "stiffness", 2);
@@ -539,7 +550,8 @@ START_TEST(test_windup_at_the_last_slope_accepted_stays_a_number)
         way->slope_q24[1] = 1;
         const int64_t most = largest_accepted(&way->slope_q24[1], "stiffness", 0);
         /* the load there can be: |g| |h|, and the spring's */
-        int64_t load = (int64_t)((10 * 200.0 + fabs(D(j->moment_q20[1], 20)) * 10) * 65536) + (n & 2 ? HDT_SPRING_MAX_Q16 : 0);
+        int64_t load = (int64_t)((10 * 200.0 + fabs(D(j->moment_q20[1], 20)) * 10) * 65536)
+                       + (n & 2 ? HDT_SPRING_MAX_Q16 : 0);
         for (int side = 0; side < 2; side++) {
             way->slope_q24[1] = (int32_t)most;
             way->intercept_q16[1] = side ? -way->intercept_q16[1] : way->intercept_q16[1];

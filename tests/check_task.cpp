@@ -38,7 +38,9 @@ START_TEST(test_velocity_and_acceleration_are_the_derivatives)
     const Reference r = make_task(table_four_arm(), every_task[_i], rate);
     const Eigen::Index n = r.q_rad.rows() - 4;
     const auto slope = [&](const MatrixXd &x) -> MatrixXd {
-        return (8 * (x.middleRows(3, n) - x.middleRows(1, n)) - (x.middleRows(4, n) - x.topRows(n))) / (12 * h);
+        const MatrixXd near = x.middleRows(3, n) - x.middleRows(1, n);
+        const MatrixXd far = x.middleRows(4, n) - x.topRows(n);
+        return (8 * near - far) / (12 * h);
     };
     const double dv = (slope(r.q_rad) - r.v_radps.middleRows(2, n)).cwiseAbs().maxCoeff();
     const double da = (slope(r.v_radps) - r.a_radps2.middleRows(2, n)).cwiseAbs().maxCoeff();
@@ -99,10 +101,12 @@ START_TEST(test_lemniscate_is_the_paper_path_with_constant_orientation)
     double far = 0, turned = 0, implicit = 0;
     for (Eigen::Index i = 0; i < r.q_rad.rows(); ++i) {
         const auto f = hdt::rbd::flange(arm, r.q_rad.row(i).transpose());
-        turned = std::max(turned, (f.rot.col(2) - Vector3d(1, 0, 0)).norm() + (f.rot.col(1) - Vector3d(0, 1, 0)).norm());
+        turned = std::max(turned, (f.rot.col(2) - Vector3d(1, 0, 0)).norm()
+                          + (f.rot.col(1) - Vector3d(0, 1, 0)).norm());
         // on the curve at any time: Bernoulli's (X^2 + Y^2)^2 = X^2 - Y^2
         const double x2 = std::pow(f.pos.y() / 0.2, 2), y2 = std::pow((f.pos.z() - 0.1) / 0.4, 2);
-        implicit = std::max({implicit, std::fabs((x2 + y2) * (x2 + y2) - x2 + y2), std::fabs(f.pos.x() - 0.6)});
+        implicit = std::max({implicit, std::fabs((x2 + y2) * (x2 + y2) - x2 + y2),
+                             std::fabs(f.pos.x() - 0.6)});
         // past the ramp, paper time runs with the clock: 0.25 s rest and half of the 1.5 s ramp behind
         const double clock_s = (double)i / 700, t = clock_s - 1.0;
         if (clock_s < 1.75 || t > 4 * pi - 0.75)
@@ -160,7 +164,8 @@ START_TEST(test_excitation_is_rich)
             ck_assert_double_le(speed.col(j).maxCoeff(), 0.4 + 1e-12);
             const double slow = ((speed.col(j) > 0.005) && (speed.col(j) < 0.05)).cast<double>().sum();
             ck_assert_double_ge(slow, 100);
-            ck_assert_double_le(r.q_rad.col(j).cwiseAbs().maxCoeff(), std::min(1.5, 0.6 * arm.joint[j].q_max_rad) + 1e-12);
+            ck_assert_double_le(r.q_rad.col(j).cwiseAbs().maxCoeff(),
+                                std::min(1.5, 0.6 * arm.joint[j].q_max_rad) + 1e-12);
         }
     }
 }
@@ -186,7 +191,8 @@ START_TEST(test_excitation_never_hits_floor_or_base)
         for (Eigen::Index i = 0; i < r.q_rad.rows(); ++i) {
             const auto f = hdt::rbd::frames(arm, r.q_rad.row(i).transpose());
             for (std::size_t k = 3; k < f.size(); ++k) { // elbow to flange
-                ck_assert_msg(f[k].pos.z() > 0.04, "seed %d row %d frame %d: z = %g", seed, (int)i, (int)k, f[k].pos.z());
+                ck_assert_msg(f[k].pos.z() > 0.04, "seed %d row %d frame %d: z = %g", seed, (int)i, (int)k,
+                              f[k].pos.z());
                 ck_assert(f[k].pos.z() > 0.24 || std::hypot(f[k].pos.x(), f[k].pos.y()) > 0.19);
             }
         }
@@ -240,7 +246,8 @@ START_TEST(test_friction_staircase_has_whole_turns_at_every_paper_speed)
             // four turns of a wave generator of ratio 50, one sample of counting error at each end
             ck_assert_double_ge(seconds * speed, 4 * 2 * pi / 50 - 2 * speed / 700);
         }
-    ck_assert_int_eq((int)make_task(table_four_arm(), "friction:joint=4,trials=5", 100).q_rad.rows() / 100 / 5,
+    const Reference trials = make_task(table_four_arm(), "friction:joint=4,trials=5", 100);
+    ck_assert_int_eq((int)trials.q_rad.rows() / 100 / 5,
                      (int)r.q_rad.rows() / 700);
 }
 END_TEST
@@ -275,7 +282,9 @@ START_TEST(test_inverse_kinematics_returns_to_the_pose)
         VectorXd q(7), near_q(7);
         const double third = test_uniform(&seed, -1, 1);
         for (int i = 0; i < 7; ++i) {
-            q[i] = i == 2 ? third : i == 3 || i == 5 ? test_uniform(&seed, 0.5, 1.5) : test_uniform(&seed, -1.5, 1.5);
+            q[i] = i == 2             ? third
+                   : i == 3 || i == 5 ? test_uniform(&seed, 0.5, 1.5)
+                                      : test_uniform(&seed, -1.5, 1.5);
             near_q[i] = q[i] + (i == 2 ? 0 : test_uniform(&seed, -0.05, 0.05));
         }
         const auto want = hdt::rbd::flange(arm, q);
@@ -307,7 +316,8 @@ START_TEST(test_pose_out_of_reach_is_refused)
     for (double x : {1.5, 20.0, 1e9}) {
         bool refused = false;
         try {
-            hdt::inverse_kinematics(arm, hdt::lemniscate_rot(), Vector3d(x, 0, 0.3), VectorXd::Constant(7, 0.5), 0x7f);
+            hdt::inverse_kinematics(arm, hdt::lemniscate_rot(), Vector3d(x, 0, 0.3),
+                                    VectorXd::Constant(7, 0.5), 0x7f);
         } catch (const InputError &e) {
             refused = std::string(e.what()).find("out of reach") != std::string::npos;
         }
@@ -320,13 +330,15 @@ START_TEST(test_bad_requests_get_one_line_with_the_menu)
 {
     static const struct { const char *spec, *must_say; } bad[] = {
         {"", "unknown task"}, {"nix", "unknown task 'nix'"}, {"Lemniscate", "unknown task"},
-        {"lemniscate:laps=0", "laps"}, {"lemniscate:laps=1.5", "laps"}, {"lemniscate:seed=1", "unknown argument 'seed'"},
+        {"lemniscate:laps=0", "laps"}, {"lemniscate:laps=1.5", "laps"},
+        {"lemniscate:seed=1", "unknown argument 'seed'"},
         {"lemniscate:laps=2,laps=3", "twice"}, {"excite:seed=x", "seed"}, {"excite:seed=", "seed"},
         {"excite:seed=nan", "seed"}, {"excite:seconds=1", "seconds"}, {"excite:seconds=1e9", "seconds"},
         {"excite:joints=0", "joints"}, {"excite:joints=8", "joints"}, {"excite:joints=1.5", "joints"},
         {"excite:joints=1,,2", "joints"}, {"excite:40", "key=value"}, {"excite:q2=1.6", "q2"},
         {"sweep", "joint= is missing"}, {"sweep:joint=9", "joint"},
-        {"sweep:joint=2.5", "joint"}, {"sweep:joint=2,speed=0", "speed"}, {"sweep:joint=2,speed=1.5", "1.000 rad/s"},
+        {"sweep:joint=2.5", "joint"}, {"sweep:joint=2,speed=0", "speed"},
+        {"sweep:joint=2,speed=1.5", "1.000 rad/s"},
         {"sweep:joint=2,q9=1", "unknown argument 'q9'"}, {"friction:joint=2,q2=1.5", "limits"},
         {"friction:joint=2,q2=1.2,q4=1.5", "mounting plane"}, {"trapezoid:joint=3,distance=9", "limits"},
         {"hold:seconds=-1", "seconds"}, {"hold:q2=2", "limits"}, {"hold:seconds=30000", "too long"},
@@ -334,7 +346,8 @@ START_TEST(test_bad_requests_get_one_line_with_the_menu)
     const hdt_arm arm = table_four_arm();
     for (const auto &b : bad) {
         const std::string line = refusal(arm, b.spec, 700);
-        ck_assert_msg(line.find(b.must_say) != std::string::npos, "'%s': expected '%s' in '%s'", b.spec, b.must_say, line.c_str());
+        ck_assert_msg(line.find(b.must_say) != std::string::npos, "'%s': expected '%s' in '%s'", b.spec,
+                      b.must_say, line.c_str());
         ck_assert(line.find('\n') == std::string::npos);
         ck_assert(line.find(std::string("task '") + b.spec + "'") == 0);
         for (const auto &t : hdt::task_menu())
@@ -350,7 +363,8 @@ START_TEST(test_arm_that_cannot_is_told_so)
     hdt_arm slow = table_four_arm();
     slow.joint[1].v_max_radps = 0.3;
     std::string line = refusal(slow, "lemniscate", 700);
-    ck_assert_msg(line.find("joint 2") != std::string::npos && line.find("0.300 rad/s") != std::string::npos, "%s", line.c_str());
+    ck_assert_msg(line.find("joint 2") != std::string::npos && line.find("0.300 rad/s") != std::string::npos,
+                  "%s", line.c_str());
     hdt_arm tiny = table_four_arm();
     tiny.joint[3].origin_m[2] = 0;
     line = refusal(tiny, "lemniscate", 700);
@@ -359,7 +373,8 @@ START_TEST(test_arm_that_cannot_is_told_so)
     few.joints = 5;
     ck_assert(refusal(few, "lemniscate", 700).find("six joints") != std::string::npos);
     // below the plane; folded down beside the base but above the plane; and one that is neither
-    ck_assert(refusal(low_arm(), "excite:q2=0.9,q4=1.8", 100).find("start pose touches") != std::string::npos);
+    const std::string low = refusal(low_arm(), "excite:q2=0.9,q4=1.8", 100);
+    ck_assert(low.find("start pose touches") != std::string::npos);
     ck_assert(refusal(low_arm(), "excite:q4=3.05", 100).find("start pose touches") != std::string::npos);
     ck_assert(refusal(low_arm(), "excite:q4=1.5", 100).empty());
     // without masses nobody knows where gravity is heaviest
@@ -373,7 +388,8 @@ START_TEST(test_arm_that_cannot_is_told_so)
     stiff.joint[3].q_max_rad = 1.8;
     stiff.joint[3].q_min_rad = -1.8;
     line = refusal(stiff, "lemniscate", 700);
-    ck_assert_msg(line.find("joint 4") != std::string::npos && line.find("limits") != std::string::npos, "%s", line.c_str());
+    ck_assert_msg(line.find("joint 4") != std::string::npos && line.find("limits") != std::string::npos,
+                  "%s", line.c_str());
 }
 END_TEST
 
@@ -398,7 +414,8 @@ END_TEST
 START_TEST(test_no_text_crashes_or_hangs)
 {
     static const char alphabet[] = "excitholdsweepfrc:,=joint12345q.-e+ \xff\n";
-    static const char *const stems[] = {"", "excite:", "hold:", "sweep:joint=", "friction:joint=2,", "trapezoid:"};
+    static const char *const stems[] = {"", "excite:", "hold:", "sweep:joint=", "friction:joint=2,",
+                                        "trapezoid:"};
     const hdt_arm arm = table_four_arm();
     uint64_t seed = 77;
     for (int k = 0; k < 600; ++k) {

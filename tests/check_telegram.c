@@ -10,6 +10,7 @@
 #include "driver/drv_backend.h"
 #include "driver/drv_telegram.h"
 #include "tests/check_main.h"
+#include "tests/example_command.h"
 
 static const enum drv_format formats[2] = {DRV_FORMAT_A, DRV_FORMAT_B};
 static const uint8_t types[7] = {'S', 'E', 'T', 'C', 'M', 'R', 'A'};
@@ -85,30 +86,15 @@ static int same_command(const struct drv_command *a, const struct drv_command *b
 static int same_state(const struct drv_state *a, const struct drv_state *b)
 {
     int same = a->seq == b->seq && a->type == b->type && a->axis_no == b->axis_no &&
-               a->address == b->address && a->driver_status == b->driver_status && memcmp(a->word, b->word, sizeof a->word) == 0;
+               a->address == b->address && a->driver_status == b->driver_status &&
+               memcmp(a->word, b->word, sizeof a->word) == 0;
     for (int i = 0; i < DRV_AXES; i++)
         same = same && a->axis[i].status == b->axis[i].status && a->axis[i].count == b->axis[i].count &&
                a->axis[i].speed_dig == b->axis[i].speed_dig && a->axis[i].torque_dig == b->axis[i].torque_dig;
     return same;
 }
 
-/* The examples of docs/formats.md. */
-static struct drv_command example_command(void)
-{
-    struct drv_command c = {.seq = 42, .type = DRV_CYCLIC};
-    for (int i = 0; i < DRV_AXES; i++)
-        c.axis[i].mode = DRV_AXIS_BRAKE;
-    c.axis[0].mode = c.axis[1].mode = DRV_AXIS_SERVO | DRV_AXIS_TORQUE;
-    c.axis[0].torque_dig = 1000;
-    c.axis[1].torque_dig = -1;
-    c.axis[3].mode = DRV_AXIS_SERVO;
-    c.axis[3].speed_dig = -5000;
-    c.axis[6].mode = DRV_AXIS_BRAKE | DRV_AXIS_DEADMAN;
-    c.axis[6].torque_dig = INT16_MIN;
-    c.axis[6].speed_dig = INT16_MAX;
-    return c;
-}
-
+/* With example_command(), the examples of docs/formats.md. */
 static struct drv_state example_state(void)
 {
     struct drv_state s = {.seq = 127, .type = DRV_CYCLIC};
@@ -687,7 +673,8 @@ START_TEST(test_the_format_document_shows_these_bytes)
     struct drv_command start = {.seq = 5, .type = DRV_START};
     uint8_t packet[DRV_ARCNET_HEAD + HDT_FRAME_MAX];
     ck_assert_int_eq(drv_command_encode(DRV_FORMAT_A, &start, &f), DRV_TELEGRAM_OK);
-    ck_assert_ptr_nonnull(at = find_hex(at, packet, drv_arcnet_pack(DRV_NODE_HOST, DRV_NODE_SERVO, &f, packet)));
+    ck_assert_ptr_nonnull(at = find_hex(at, packet,
+                                        drv_arcnet_pack(DRV_NODE_HOST, DRV_NODE_SERVO, &f, packet)));
     ck_assert_ptr_nonnull(find_hex(at, packet, drv_arcnet_pack(DRV_NODE_SERVO, DRV_NODE_HOST, &f, packet)));
 }
 END_TEST

@@ -7,56 +7,39 @@
 // Method: `hdt host` beside the emulated servo, LCM's file:// provider; liblcm and lcm-gen's code as
 // the second reader.
 #include <cstdio>
-#include <cstdlib>
 #include <cstring>
-#include <fstream>
 #include <map>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include <lcm/lcm.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "hdt_cycle_t.h"
 #include "hdt_status_t.h"
 #include "tests/check_main.h"
-#include "tests/scratch.hpp"
+#include "tests/shell.hpp"
 
 namespace {
 
-struct Result { int code; std::string out; };
-
-Result sh(const std::string &line)
-{
-    char here[4096];
-    if (!getcwd(here, sizeof here))
-        ck_abort();
-    const char *build = std::getenv("BUILD");
-    std::string root = here, dir = scratch_dir();
-    std::string command = "cd " + dir + "; H=" + root + "/" + (build ? build : "build") + "/hdt; A=" + root +
-                          "/model/arms/pa10.toml; (" + line + ") >out 2>&1";
-    int status = std::system(command.c_str());
-    std::ifstream file(dir + "/out");
-    std::ostringstream text;
-    text << file.rdbuf();
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : 128, text.str()};
-}
-
 void assert_holds(const Result &r, const std::string &text)
 {
-    ck_assert_msg(r.out.find(text) != std::string::npos, "expected \"%s\" in:\n%s", text.c_str(), r.out.c_str());
+    ck_assert_msg(r.out.find(text) != std::string::npos, "expected \"%s\" in:\n%s", text.c_str(),
+                  r.out.c_str());
 }
 
 // The loop for two seconds beside a servo, with further options.
 Result loop(const std::string &options)
 {
-    return sh("rm -f bus run.lcm; $H servo --arm $A --task lemniscate --bus unix:$PWD/bus --seconds 30 2>/dev/null & s=$!; "
-              "for i in $(seq 300); do [ -S bus ] && break; sleep 0.1; done; "
-              "$H host --model $A --bus unix:$PWD/bus --out run.lcm " + options + " >host 2>&1 & h=$!; "
-              "for i in $(seq 100); do [ -s run.lcm.part ] && break; kill -0 $h 2>/dev/null || break; sleep 0.1; done; sleep 2; "
-              "kill -INT $h; wait $h; e=$?; kill $s; wait $s; cat host; exit $e");
+    return sh_together("rm -f bus run.lcm; "
+                       "$H servo --arm $A --task lemniscate --bus unix:$PWD/bus --seconds 30 "
+                       "2>/dev/null & s=$!; "
+                       "for i in $(seq 300); do [ -S bus ] && break; sleep 0.1; done; "
+                       "$H host --model $A --bus unix:$PWD/bus --out run.lcm " + options +
+                       " >host 2>&1 & h=$!; "
+                       "for i in $(seq 100); do "
+                       "[ -s run.lcm.part ] && break; kill -0 $h 2>/dev/null || break; sleep 0.1; done; "
+                       "sleep 2; kill -INT $h; wait $h; e=$?; kill $s; wait $s; cat host; exit $e");
 }
 
 // Every event of a log, decoded by LCM's own code.
@@ -133,7 +116,8 @@ START_TEST(test_logs_play_in_lcm_logplayer_and_replay_from_what_it_wrote)
     Result r = loop("");
     ck_assert_msg(r.code == 0, "%s", r.out.c_str());
     // ten times as fast as they were logged, at once and not after the host's uptime
-    r = sh("timeout 10 lcm-logplayer --speed=10 --lcm-url='file://played.lcm?mode=w' run.lcm && $H replay played.lcm --model $A");
+    r = sh_together("timeout 10 lcm-logplayer --speed=10 --lcm-url='file://played.lcm?mode=w' run.lcm && "
+                    "$H replay played.lcm --model $A");
     ck_assert_msg(r.code == 0, "%d: %s", r.code, r.out.c_str());
     assert_holds(r, " 0 differ");
     ck_assert_uint_eq(read_log("played.lcm").total.size(), read_log("run.lcm").total.size());
@@ -144,7 +128,7 @@ START_TEST(test_top_prints_lines_in_a_pipe_and_a_page_on_a_terminal)
 {
     Result r = loop("--telemetry 'file://t.lcm?mode=w'");
     ck_assert_msg(r.code == 0, "%s", r.out.c_str());
-    r = sh("timeout 20 $H top --lcm 'file://t.lcm?speed=1' | cat");
+    r = sh_together("timeout 20 $H top --lcm 'file://t.lcm?speed=1' | cat");
     assert_holds(r, " Hz  wake p99 ");
     assert_holds(r, "torque N m");
     assert_holds(r, "done: brakes on; asked for");
@@ -153,12 +137,15 @@ START_TEST(test_top_prints_lines_in_a_pipe_and_a_page_on_a_terminal)
     ck_assert_int_eq(sh("timeout 20 $H top --lcm 'file://run.lcm?speed=0'").code, 1);
     if (sh("command -v script").code != 0)
         HDT_SKIP("no script(1), which makes a terminal: install bsdutils");
-    r = sh("timeout 20 script -qec \"timeout -s INT 1 $H top --lcm 'file://t.lcm?speed=0.5'\" tty >/dev/null; cat tty");
+    r = sh_together("timeout 20 script -qec \"timeout -s INT 1 $H top --lcm 'file://t.lcm?speed=0.5'\" tty "
+                    ">/dev/null; cat tty");
     const size_t open = r.out.find("\033[?1049h"), close = r.out.rfind("\033[?1049l");
-    ck_assert_msg(open != std::string::npos && close != std::string::npos && open < close, "%s", r.out.c_str());
+    ck_assert_msg(open != std::string::npos && close != std::string::npos && open < close, "%s",
+                  r.out.c_str());
     for (const char *text : {"hdt top   pa10", "rate ", "wake-up p50", "friction", "measured", "fault -"}) {
         size_t at = r.out.find(text);
-        ck_assert_msg(at != std::string::npos && at > open && at < close, "no \"%s\" on the page: %s", text, r.out.c_str());
+        ck_assert_msg(at != std::string::npos && at > open && at < close, "no \"%s\" on the page: %s", text,
+                      r.out.c_str());
     }
     // after Ctrl-C: cursor, wrapping and the other page
     ck_assert(r.out.find("\033[?25h") > open && r.out.find("\033[?7h") > open);
@@ -168,11 +155,14 @@ END_TEST
 START_TEST(test_top_reads_a_loop_over_multicast)
 {
     // a network of its own, with multicast on lo as the message says
-    const std::string net = "timeout 30 unshare -n sh -c \"ip link set lo up multicast on; ip route add 224.0.0.0/4 dev lo; ";
+    const std::string net =
+        "timeout 30 unshare -n sh -c \"ip link set lo up multicast on; ip route add 224.0.0.0/4 dev lo; ";
     if (geteuid() != 0 || sh(net + "ip route | grep -q 224\"").code != 0)
         HDT_SKIP("a network namespace needs root and iproute2: multicast is not tried");
-    Result r = sh(net + "$H servo --arm $A --task lemniscate --bus unix:$PWD/bus --seconds 20 2>/dev/null & sleep 2; "
-                  "$H host --model $A --bus unix:$PWD/bus --out run.lcm --telemetry >/dev/null 2>&1 & $H top --seconds 8\"");
+    Result r = sh_together(net + "$H servo --arm $A --task lemniscate --bus unix:$PWD/bus --seconds 20 "
+                           "2>/dev/null & sleep 2; "
+                           "$H host --model $A --bus unix:$PWD/bus --out run.lcm --telemetry "
+                           ">/dev/null 2>&1 & $H top --seconds 8\"");
     ck_assert_msg(r.code == 0, "%s", r.out.c_str());
     assert_holds(r, "torque N m");
 }
@@ -180,7 +170,7 @@ END_TEST
 
 START_TEST(test_no_multicast_is_said_with_its_remedy)
 {
-    Result r = sh("timeout 10 $H top --lcm nonsense://");
+    Result r = sh_together("timeout 10 $H top --lcm nonsense://");
     ck_assert_int_eq(r.code, 3);
     assert_holds(r, "LCM cannot be opened at nonsense://");
     r = loop("--telemetry nonsense://");
@@ -189,7 +179,7 @@ START_TEST(test_no_multicast_is_said_with_its_remedy)
     ck_assert_int_eq(sh("test -e run.lcm || test -e run.lcm.part").code, 1);
     if (geteuid() != 0 || sh("unshare -n true").code != 0)
         HDT_SKIP("a network namespace needs root: a machine without multicast is not tried");
-    r = sh("timeout 20 unshare -n $H top");
+    r = sh_together("timeout 20 unshare -n $H top");
     ck_assert_int_eq(r.code, 3);
     assert_holds(r, "ip route add 224.0.0.0/4 dev lo");
 }

@@ -2,8 +2,8 @@
 //
 // Vectors of tools/vectors: the control law in double precision from the model file alone.
 // Goal: every term the core puts out, and every digit, is the law's within what the tables' quantisation
-// allows.  Method: model file -> hdt gen's tables -> core, each instant held as the vectors say; the allowance
-// is the generator's own report, so a worse table fails here.
+// allows.  Method: model file -> hdt gen's tables -> core, each instant held as the vectors say; the
+// allowance is the generator's own report, so a worse table fails here.
 #include <cmath>
 #include <cstring>
 #include <fstream>
@@ -83,15 +83,17 @@ double line_nm(const hdt_stiffness_tab &s, double load_nm)
     return s.intercept_q16[i] / 65536.0 + s.slope_q24[i] / 16777216.0 * load_nm;
 }
 
-// What the state of a wind-up with a travel may be off by, N m: half an LSB (q30) of travel each period, all the
-// same way at a held speed, and 1e-6 of the travel for the period's length in whole nanoseconds.
+// What the state of a wind-up with a travel may be off by, N m: half an LSB (q30) of travel each period, all
+// the same way at a held speed, and 1e-6 of the travel for the period's length in whole nanoseconds.
 double windup_allowance(const hdt_joint_tab &joint, int periods, double load_nm)
 {
-    const double wound = std::ldexp(periods * (joint.windup_inv_q8 / 256.0), -31) + (joint.windup_inv_q8 != 0 ? 1e-6 : 0);
+    const double wound = std::ldexp(periods * (joint.windup_inv_q8 / 256.0), -31) +
+                         (joint.windup_inv_q8 != 0 ? 1e-6 : 0);
     return wound * std::fabs(line_nm(joint.stiffness[0], load_nm) - line_nm(joint.stiffness[1], load_nm)) / 2;
 }
 
-void hold(hdt_t *core, const hdt_tables &tables, const Vectors &v, const std::vector<Row> &instant, hdt_out *out)
+void hold(hdt_t *core, const hdt_tables &tables, const Vectors &v, const std::vector<Row> &instant,
+          hdt_out *out)
 {
     hdt_in in = {};
     in.mode = HDT_MODE_TORQUE;
@@ -137,18 +139,25 @@ START_TEST(test_terms_and_digits_are_the_laws)
             const Row &r = v.instants[n][j];
             double all = 0;
             for (int k = 0; k < HDT_TERMS; k++) {
-                const double got = out.term[k][j].raw / 65536.0, may = allowance(k, report) +
-                    (k == HDT_TERM_STIFFNESS ? windup_allowance(tables.joint[j], v.before + v.held, r.term[HDT_TERM_GRAVITY] + r.term[HDT_TERM_SPRING]) : 0);
-                ck_assert_msg(std::fabs(got - r.term[k]) <= may, "instant %zu, joint %d, %s: %.6f, the law says %.6f", n,
-                              j + 1, hdt_term_str(k), got, r.term[k]);
+                const double got = out.term[k][j].raw / 65536.0,
+                             may = allowance(k, report) +
+                                   (k == HDT_TERM_STIFFNESS
+                                        ? windup_allowance(tables.joint[j], v.before + v.held,
+                                                           r.term[HDT_TERM_GRAVITY] + r.term[HDT_TERM_SPRING])
+                                        : 0);
+                ck_assert_msg(std::fabs(got - r.term[k]) <= may,
+                              "instant %zu, joint %d, %s: %.6f, the law says %.6f", n, j + 1, hdt_term_str(k),
+                              got, r.term[k]);
                 all += tables.joint[j].terms >> k & 1 ? may : 0;
                 seen[k] += r.term[k] != 0;
             }
             const double per_nm = tables.joint[j].digit_per_nm_q24 / 16777216.0;
-            const double want = std::fmax(-tables.joint[j].dig_max, std::fmin(tables.joint[j].dig_max, r.digit));
+            const double want = std::fmax(-tables.joint[j].dig_max,
+                                          std::fmin(tables.joint[j].dig_max, r.digit));
             ck_assert_msg(out.fault == 0, "instant %zu: fault %s", n, hdt_fault_str(out.fault));
             ck_assert_msg(std::fabs(out.digit[j].raw - want) <= 0.5 + all * per_nm,
-                          "instant %zu, joint %d: %d digits, the law says %.3f", n, j + 1, out.digit[j].raw, r.digit);
+                          "instant %zu, joint %d: %d digits, the law says %.3f", n, j + 1, out.digit[j].raw,
+                          r.digit);
             digits++;
             other += out.digit[j].raw != static_cast<int>(std::lround(want));
         }
@@ -183,8 +192,8 @@ START_TEST(test_observed_velocity_is_the_equations)
     ck_assert_msg(hdt_arm_tables(&arm, &tables, &report, error, sizeof error) == 0, "%s", error);
     ck_assert_int_eq(joints, static_cast<int>(tables.joints));
     ck_assert_int_eq(hdt_init(&core, &tables), HDT_OK);
-    // roundings: of an angle's 2^-33 rad by 220/s, of the output by 2^-25; the period cut to 2^-32 s shows in speeds
-    // below 1 rad/s, twice over where a triple pole overshoots
+    // roundings: of an angle's 2^-33 rad by 220/s, of the output by 2^-25; the period cut to 2^-32 s shows in
+    // speeds below 1 rad/s, twice over where a triple pole overshoots
     const double may = 1e-7 + 2 / std::ldexp(tables.period_ns * 1e-9, 32);
     hdt_in in = {};
     in.fresh = (1u << tables.joints) - 1;
@@ -197,7 +206,8 @@ START_TEST(test_observed_velocity_is_the_equations)
         ck_assert_int_eq(hdt_step(&core, &in, &out), HDT_OK);
         for (int j = 0; j < joints; j++) {
             const double got = out.v_obs[j].raw / 16777216.0;
-            ck_assert_msg(std::fabs(got - want[j]) <= may, "period %d, joint %d: %.9f, the equations say %.9f", k, j + 1, got, want[j]);
+            ck_assert_msg(std::fabs(got - want[j]) <= may,
+                          "period %d, joint %d: %.9f, the equations say %.9f", k, j + 1, got, want[j]);
             moving += std::fabs(want[j]) > 0.05;
         }
     }

@@ -20,7 +20,8 @@ START_TEST(test_rate_is_one_over_the_gap)
         const double got = D(hdt_vel_rate_q16(dt_us), 16);
         ck_assert_msg(fabs(got * dt_us * 1e-6 - 1) < 7e-6, "%u us: %g Hz", dt_us, got);
         /* cut, never above; exact where it can be */
-        ck_assert_msg(got * dt_us <= 1e6 && (1000000 % dt_us != 0 || got * dt_us == 1e6), "%u us: %.9g Hz", dt_us, got);
+        ck_assert_msg(got * dt_us <= 1e6 && (1000000 % dt_us != 0 || got * dt_us == 1e6), "%u us: %.9g Hz",
+                      dt_us, got);
     }
 }
 END_TEST
@@ -54,7 +55,8 @@ START_TEST(test_counter_wrap_is_one_count)
     const int32_t one = hdt_vel_difference(1, 0, per_count);
     ck_assert_int_gt(one, 0);
     ck_assert_int_eq(hdt_vel_difference(INT32_MIN, INT32_MAX, per_count), one);
-    ck_assert_int_eq(hdt_vel_difference(INT32_MAX, INT32_MIN, per_count), hdt_vel_difference(0, 1, per_count));
+    ck_assert_int_eq(hdt_vel_difference(INT32_MAX, INT32_MIN, per_count),
+                     hdt_vel_difference(0, 1, per_count));
 }
 END_TEST
 
@@ -93,7 +95,8 @@ START_TEST(test_filter_agrees_with_the_double_biquad)
 {
     uint64_t r = 3;
     for (int n = 0; n < 60; n++) {
-        const double rate = test_uniform(&r, 200, 2000), cutoff = rate * pow(10, test_uniform(&r, -2.3, -0.5));
+        const double rate = test_uniform(&r, 200, 2000);
+        const double cutoff = rate * pow(10, test_uniform(&r, -2.3, -0.5));
         int32_t q[5];
         double b[5], x1 = 0, x2 = 0, y1 = 0, y2 = 0, worst = 0;
         struct hdt_vel s = {{0, 0}, {0, 0}, 0};
@@ -112,7 +115,8 @@ START_TEST(test_filter_agrees_with_the_double_biquad)
             worst = fmax(worst, fabs(got - y));
         }
         /* rounding passes the poles once: a few LSB over the square root of the relative cut-off */
-        ck_assert_msg(worst < 0x1p-24 * (2 + 0.3 * rate / cutoff), "%g of %g Hz: off %g LSB", cutoff, rate, worst * 0x1p24);
+        ck_assert_msg(worst < 0x1p-24 * (2 + 0.3 * rate / cutoff), "%g of %g Hz: off %g LSB", cutoff, rate,
+                      worst * 0x1p24);
     }
 }
 END_TEST
@@ -125,8 +129,9 @@ START_TEST(test_rounding_loses_nothing)
     design(7, 700, q);
     for (int k = 0; k < 10000; k++) {
         const int32_t x_q24 = Q(test_uniform(&r, -2, 2), 24);
-        const int64_t sum_q52 = (int64_t)q[0] * x_q24 + (int64_t)q[1] * s.x_q24[0] + (int64_t)q[2] * s.x_q24[1] -
-                                (int64_t)q[3] * s.y_q24[0] - (int64_t)q[4] * s.y_q24[1] + s.rest;
+        const int64_t sum_q52 = (int64_t)q[0] * x_q24 + (int64_t)q[1] * s.x_q24[0]
+                                + (int64_t)q[2] * s.x_q24[1] - (int64_t)q[3] * s.y_q24[0]
+                                - (int64_t)q[4] * s.y_q24[1] + s.rest;
         const int32_t y_q24 = hdt_vel_filter(&s, q, x_q24);
         ck_assert_int_eq((int64_t)y_q24 * (1 << 28) + s.rest, sum_q52);
     }
@@ -188,7 +193,8 @@ START_TEST(test_full_scale_square_wave_never_wraps)
                 const int32_t before = y;
                 y = hdt_vel_filter(&s, q, x);
                 if (k > 0) {
-                    const double step = fabs((double)y - before), most = 0x1p32 * fmin(1, 6 * cutoff[n] / 700 + 0.01);
+                    const double step = fabs((double)y - before);
+                    const double most = 0x1p32 * fmin(1, 6 * cutoff[n] / 700 + 0.01);
                     ck_assert_msg(step <= most, "%g Hz: jumps from %d to %d", cutoff[n], before, y);
                 }
             }
@@ -271,8 +277,8 @@ START_TEST(test_observer_without_counts_stops_at_256_rad)
 }
 END_TEST
 
-/* One period of the observer as hdt_vel.h states it, in doubles that hold whole LSBs; the sides of a clamp are
- * returned, so that what is clamped can be held to the last bit. */
+/* One period of the observer as hdt_vel.h states it, in doubles that hold whole LSBs; the sides of a clamp
+ * are returned, so that what is clamped can be held to the last bit. */
 static double shr(double x, int n) { return floor(ldexp(x, -n) + 0.5); }
 static double held(double x, double most, int *clamped)
 {
@@ -295,7 +301,8 @@ START_TEST(test_observer_is_its_equations_within_one_lsb_and_its_clamps_to_the_b
         s.d_q32 = llabs(s.d_q32) > (int64_t)1 << 44 ? 0 : s.d_q32;
         s.a_q16 = (int32_t)ldexp(test_uniform(&r, -1, 1), (int)test_uniform(&r, 8, 29));
         const int64_t y = s.q_q40 + (int64_t)test_uniform(&r, -far, far);
-        const int32_t gain[3] = {(int32_t)pow(2, test_uniform(&r, 10, 30)), (int32_t)pow(2, test_uniform(&r, 10, 30)),
+        const int32_t gain[3] = {(int32_t)pow(2, test_uniform(&r, 10, 30)),
+                                 (int32_t)pow(2, test_uniform(&r, 10, 30)),
                                  (int32_t)pow(2, test_uniform(&r, 5, 30))};
         const uint32_t period = (uint32_t)pow(2, test_uniform(&r, 16, 32));
         const int fresh = n % 3 != 0;
@@ -312,13 +319,16 @@ START_TEST(test_observer_is_its_equations_within_one_lsb_and_its_clamps_to_the_b
         q = held(q + shr(shr(v, 18) * period, 14), 0x1p48, &q_held);
         v = held(v + shr(a * period, 8), v_max, &after);
         const int32_t got = hdt_vel_observe(&s, gain, y, fresh, period);
-        /* angles to 2^49: doubles are whole there; an LSB of v or d either way may be one of what they make */
-        ck_assert_msg(fabs((double)s.q_q40 - q) <= 2 + ldexp(period, -14), "%d: angle %.17g, %.17g expected", n, (double)s.q_q40, q);
-        ck_assert_msg(fabs((double)s.v_q40 - v) <= (after ? 0 : 2 + ldexp(period, -8) * !(a_held || !fresh)), "%d: speed %.17g, %.17g expected", n,
-                      (double)s.v_q40, v);
-        ck_assert_msg(fabs((double)s.d_q32 - d) <= (d_held || !fresh ? 0 : 1), "%d: disturbance %.17g, %.17g expected", n,
-                      (double)s.d_q32, d);
-        ck_assert_msg(fabs(got - fmax(told, -0x1p31 + 1)) <= !v_held, "%d: told %d, %.17g expected", n, got, told);
+        /* angles to 2^49: doubles are whole there; an LSB of v or d
+         * either way may be one of what they make */
+        ck_assert_msg(fabs((double)s.q_q40 - q) <= 2 + ldexp(period, -14), "%d: angle %.17g, %.17g expected",
+                      n, (double)s.q_q40, q);
+        ck_assert_msg(fabs((double)s.v_q40 - v) <= (after ? 0 : 2 + ldexp(period, -8) * !(a_held || !fresh)),
+                      "%d: speed %.17g, %.17g expected", n, (double)s.v_q40, v);
+        ck_assert_msg(fabs((double)s.d_q32 - d) <= (d_held || !fresh ? 0 : 1),
+                      "%d: disturbance %.17g, %.17g expected", n, (double)s.d_q32, d);
+        ck_assert_msg(fabs(got - fmax(told, -0x1p31 + 1)) <= !v_held, "%d: told %d, %.17g expected", n, got,
+                      told);
         at_clamp[0] += far_off;
         at_clamp[1] += v_held && !after;
         at_clamp[2] += d_held;
@@ -340,7 +350,8 @@ START_TEST(test_observer_holds_either_bound_of_its_velocity)
         ck_assert_int_eq(hdt_vel_observe(&s, gain, 0, 0, UINT32_MAX), told);
         ck_assert(s.v_q40 == end);
         s = (struct hdt_obs){0, 0, 0, 0};
-        ck_assert_int_eq(hdt_vel_observe(&s, gain, down ? -((int64_t)1 << 38) : (int64_t)1 << 38, 1, 0), told);
+        ck_assert_int_eq(hdt_vel_observe(&s, gain, down ? -((int64_t)1 << 38) : (int64_t)1 << 38, 1, 0),
+                         told);
         ck_assert(s.v_q40 == end);
     }
 }

@@ -336,7 +336,8 @@ static inline double ref_ripple(const struct hdt_joint_tab *j, const struct ref_
     if (x < 0)
         x += 1024;
     const int k = (int)floor(x);
-    return m->dir * (D(j->ripple_q8[k], 8) + (x - k) * (D(j->ripple_q8[(k + 1) % 1024], 8) - D(j->ripple_q8[k], 8)));
+    return m->dir
+           * (D(j->ripple_q8[k], 8) + (x - k) * (D(j->ripple_q8[(k + 1) % 1024], 8) - D(j->ripple_q8[k], 8)));
 }
 
 static inline double ref_spring(const struct hdt_joint_tab *j, const struct ref_motion *m)

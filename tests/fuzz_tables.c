@@ -71,7 +71,8 @@ static void drive(const struct hdt_tables *t, const uint8_t *data, size_t size)
         const int e = hdt_step(&core, &in, &out);
         for (uint32_t j = 0; j < HDT_JOINTS_MAX; j++) {
             const int32_t limit = j < t->joints ? t->joint[j].dig_max : 0;
-            if (out.digit[j].raw > limit || out.digit[j].raw < -limit || (e != HDT_OK && out.digit[j].raw != 0))
+            if (out.digit[j].raw > limit || out.digit[j].raw < -limit
+                || (e != HDT_OK && out.digit[j].raw != 0))
                 abort();
         }
         if (k % 5 == 4)

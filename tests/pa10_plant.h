@@ -89,7 +89,8 @@ static inline struct plant_model pa10_plant(void)
         for (int d = 0; d < 2; d++)
             p->friction[d] = (struct plant_friction){ a->f0[d], a->fv[d], a->fs[d], a->vc[d] };
         for (int k = 0; k < 2; k++)
-            p->line[p->lines++] = (struct plant_line){ a->order[k] * PA10_RATIO, a->amplitude[k], a->phase[k], 1, 0, 0, 0 };
+            p->line[p->lines++] =
+                (struct plant_line){a->order[k] * PA10_RATIO, a->amplitude[k], a->phase[k], 1, 0, 0, 0};
     }
     return m;
 }

@@ -29,28 +29,37 @@ inline std::string arm_text(bool upright = false)
 {
     const auto n = [](double x) { return std::to_string(x); };
     std::string s = "format = \"hdt-arm\"\nversion = 1\nname = \"planar\"\n[sources]\nT = \"test\"\n"
-                    "[base]\ngravity = { value = " + std::string(upright ? "[0, 0, -9.81]" : "[0, -9.81, 0]") + ", unit = \"m/s^2\", confidence = \"high\", source = \"T\" }\n"
-                    "[control]\nrate = { value = 100, unit = \"Hz\", confidence = \"high\", source = \"T\" }\n"
+                    "[base]\ngravity = { value = " + std::string(upright ? "[0, 0, -9.81]" : "[0, -9.81, 0]")
+                    + ", unit = \"m/s^2\", confidence = \"high\", source = \"T\" }\n"
+                    "[control]\nrate = { value = 100, unit = \"Hz\", confidence = \"high\", "
+                    "source = \"T\" }\n"
                     "velocity_cutoff = { value = 30, unit = \"Hz\", confidence = \"high\", source = \"T\" }\n"
-                    "[flange]\norigin = { value = [0.5, 0, 0], unit = \"m\", confidence = \"high\", source = \"T\" }\n"
-                    "rpy = { value = [0, 1.5707963267948966, 0], unit = \"rad\", confidence = \"high\", source = \"T\" }\n";
-    const auto q = [](const std::string &key, const std::string &v, const char *unit, const char *side = nullptr) {
-        return key + " = { value = " + v + ", unit = \"" + unit + "\"" + (side ? std::string(", side = \"") + side + "\"" : "")
+                    "[flange]\norigin = { value = [0.5, 0, 0], unit = \"m\", confidence = \"high\", "
+                    "source = \"T\" }\n"
+                    "rpy = { value = [0, 1.5707963267948966, 0], unit = \"rad\", confidence = \"high\", "
+                    "source = \"T\" }\n";
+    const auto q = [](const std::string &key, const std::string &v, const char *unit,
+                      const char *side = nullptr) {
+        return key + " = { value = " + v + ", unit = \"" + unit + "\""
+               + (side ? std::string(", side = \"") + side + "\"" : "")
                + ", confidence = \"high\", source = \"T\" }\n";
     };
     for (int j = 0; j < 2; ++j) {
         s += "[[joint]]\nname = \"J" + std::to_string(j + 1) + "\"\n";
-        s += q("origin", j == 0 ? "[0, 0, 0]" : "[0.45, 0, 0]", "m") + q("rpy", upright && j == 0 ? "[1.5707963267948966, 0, 0]" : "[0, 0, 0]", "rad");
+        s += q("origin", j == 0 ? "[0, 0, 0]" : "[0.45, 0, 0]", "m")
+             + q("rpy", upright && j == 0 ? "[1.5707963267948966, 0, 0]" : "[0, 0, 0]", "rad");
         s += q("limits.position", "[-3, 3]", "rad") + q("limits.speed", "1", "rad/s");
         s += q("link.mass", n(kM[j]), "kg") + q("link.com", "[" + n(kC[j]) + ", 0, 0]", "m");
         s += q("link.inertia", "[0.01, 0, 0, " + n(kI[j]) + ", 0, " + n(kI[j]) + "]", "kg m^2");
         s += q("gear.ratio", "50", "1");
-        s += q("motor.rotor_inertia", "0.0003", "kg m^2", "motor") + q("motor.torque_rated", "5", "N m", "motor")
+        s += q("motor.rotor_inertia", "0.0003", "kg m^2", "motor")
+             + q("motor.torque_rated", "5", "N m", "motor")
              + q("motor.torque_max", "10", "N m", "motor");
         s += q("friction.valid", "[0.02, 0.4]", "rad/s");
         for (int d = 0; d < 2; ++d) {
             const std::string at = std::string("friction.") + (d == 0 ? "positive." : "negative.");
-            s += q(at + "f0", n(kF0[j][d]), "N m", "output") + q(at + "fv", n(kFv[j][d]), "N m s/rad", "output")
+            s += q(at + "f0", n(kF0[j][d]), "N m", "output")
+                 + q(at + "fv", n(kFv[j][d]), "N m s/rad", "output")
                  + q(at + "fs", n(kFs[j]), "N m", "output") + q(at + "vc", n(kVc[j]), "rad/s", "output");
         }
         s += q("feedback.kp", "5", "N m/rad", "motor") + q("feedback.kd", "1", "N m s/rad", "motor");
@@ -64,9 +73,11 @@ struct Hidden {
     double payload_kg = 0, payload_x_m = 0.07;
     double load_mu = 0, cold = 0, warm_s = 25, line_nm = 0, line_order = 37, line_phase = 0.7;
     bool line_directed = false;
-    double inertia_kgm2 = 0, presliding_nm = 0, presliding_rad = 0.01, gain = 0, spring = 0, spring_rest = 0.4;
+    double inertia_kgm2 = 0, presliding_nm = 0, presliding_rad = 0.01, gain = 0;
+    double spring = 0, spring_rest = 0.4;
     double dry_spot_nm = 0;                 // friction bump at q = 0.3
-    double pose_friction_nm = 0;            // outside every list: friction over the other joint's angle
+    // outside every list: friction over the other joint's angle; over the cube of its own, N.m at 1 rad
+    double pose_friction_nm = 0, own_friction_nm = 0;
     double tilt_rad = 0, angle_rad = 0;     // base tilted in the plane; resolver of the joint reads short by
     double ahead_rad = 0;                   // resolver reads ahead by this times sin q
     double moment_kgm = 0;                  // of the first link, more than declared
@@ -100,7 +111,8 @@ inline Motion random_motion(std::mt19937_64 &rng, int rows)
         if (dist < 0.05)
             continue;
         const double top = std::min(speed, std::sqrt(acc * dist)), ramp = std::max(0.25, top / acc);
-        const double peak = std::min(top, dist / ramp), cruise = (dist - peak * ramp) / peak, end = 2 * ramp + cruise;
+        const double peak = std::min(top, dist / ramp), cruise = (dist - peak * ramp) / peak;
+        const double end = 2 * ramp + cruise;
         // distance run while speeding up for t, and its derivatives
         const auto up = [&](double t) { return 0.5 * peak * (t - ramp / pi * std::sin(pi * t / ramp)); };
         for (double t = 0; t < end; t += 1 / kRate_hz) {
@@ -108,7 +120,9 @@ inline Motion random_motion(std::mt19937_64 &rng, int rows)
             const bool ramps = s < ramp;
             const double v = ramps ? 0.5 * peak * (1 - std::cos(pi * s / ramp)) : peak;
             const double a = ramps ? 0.5 * peak * pi / ramp * std::sin(pi * s / ramp) : 0;
-            const double x = t < ramp ? up(t) : t < ramp + cruise ? 0.5 * peak * ramp + peak * (t - ramp) : dist - up(s);
+            const double x = t < ramp            ? up(t)
+                             : t < ramp + cruise ? 0.5 * peak * ramp + peak * (t - ramp)
+                                                 : dist - up(s);
             m.q.push_back(q + way * x);
             m.v.push_back(way * v);
             m.a.push_back(t < ramp ? way * a : -way * a);
@@ -124,12 +138,14 @@ inline Motion random_motion(std::mt19937_64 &rng, int rows)
 }
 
 // Rigid-body torque of the two links and a point mass beyond the second link's end.
-inline void rigid(const double *q, const double *v, const double *a, double mp, double xp, double *load, double *tau)
+inline void rigid(const double *q, const double *v, const double *a, double mp, double xp, double *load,
+                  double *tau)
 {
     const double c2 = std::cos(q[1]), s2 = std::sin(q[1]), lp = kL2 + xp;
     const double h = kM[1] * kC[1] + mp * lp, m2 = kM[1] + mp;
     const double i2 = kI[1] + kM[1] * kC[1] * kC[1] + mp * lp * lp;
-    const double i1 = kI[0] + kM[0] * kC[0] * kC[0] + m2 * kL1 * kL1 + i2 + 2 * kL1 * h * c2, i12 = i2 + kL1 * h * c2;
+    const double i1 = kI[0] + kM[0] * kC[0] * kC[0] + m2 * kL1 * kL1 + i2 + 2 * kL1 * h * c2;
+    const double i12 = i2 + kL1 * h * c2;
     load[0] = kG * ((kM[0] * kC[0] + m2 * kL1) * std::cos(q[0]) + h * std::cos(q[0] + q[1]));
     load[1] = kG * h * std::cos(q[0] + q[1]);
     tau[0] = load[0] + i1 * a[0] + i12 * a[1] - kL1 * h * s2 * (2 * v[0] * v[1] + v[1] * v[1]);
@@ -158,10 +174,13 @@ inline hdt::Run make_run(const Hidden &hidden, const Noise &noise, unsigned long
     std::vector<double> tau_all[2];
     for (int t = 0; t < rows; ++t) {
         const auto k = static_cast<std::size_t>(t);
-        const double q[2] = {m[0].q[k], m[1].q[k]}, v[2] = {m[0].v[k], m[1].v[k]}, a[2] = {m[0].a[k], m[1].a[k]};
+        const double q[2] = {m[0].q[k], m[1].q[k]}, v[2] = {m[0].v[k], m[1].v[k]};
+        const double a[2] = {m[0].a[k], m[1].a[k]};
         const bool now = t / kRate_hz >= hidden.from_s && t / kRate_hz < hidden.to_s;
-        double load[2], tau[2], ql[2], at[2] = {q[0] + hidden.tilt_rad, q[1]}; // gravity turned is the first angle turned
-        at[hidden.joint] += hidden.angle_rad - hidden.ahead_rad * std::sin(q[hidden.joint]) + (now ? hidden.slip_rad : 0);
+        // gravity turned is the first angle turned
+        double load[2], tau[2], ql[2], at[2] = {q[0] + hidden.tilt_rad, q[1]};
+        at[hidden.joint] += hidden.angle_rad - hidden.ahead_rad * std::sin(q[hidden.joint])
+                            + (now ? hidden.slip_rad : 0);
         rigid(at, v, a, hidden.payload_kg, hidden.payload_x_m, load, tau);
         for (int j = 0; j < 2; ++j)
             ql[j] = noise.windup_nmprad > 0 ? at[j] - load[j] / noise.windup_nmprad : at[j];
@@ -174,7 +193,8 @@ inline hdt::Run make_run(const Hidden &hidden, const Noise &noise, unsigned long
                 dir[j] = way;
             const int d = dir[j] < 0 ? 1 : 0;
             wander[j] = keep * wander[j] + noise.wander * std::sqrt(1 - keep * keep) * gauss(rng);
-            colour[j] = noise.phi * colour[j] + noise.coloured * std::sqrt(1 - noise.phi * noise.phi) * gauss(rng);
+            colour[j] = noise.phi * colour[j]
+                        + noise.coloured * std::sqrt(1 - noise.phi * noise.phi) * gauss(rng);
             double friction = kF0[j][d] + viscous[j] * kFv[j][d] * std::fabs(v[j])
                               + kFs[j] * (1 - std::exp(-std::fabs(v[j]) / kVc[j])) + coulomb[j] + wander[j];
             // the elastic part of friction follows motion with a length constant
@@ -184,9 +204,11 @@ inline hdt::Run make_run(const Hidden &hidden, const Noise &noise, unsigned long
                 friction *= 1 + hidden.cold * std::exp(-run.t_s.back() / hidden.warm_s);
                 friction += hidden.dry_spot_nm * std::exp(-0.5 * std::pow((q[j] - 0.3) / 0.15, 2));
                 friction += hidden.pose_friction_nm * std::exp(-0.5 * std::pow((q[1 - j] - 0.3) / 0.4, 2));
+                friction += hidden.own_friction_nm * q[j] * q[j] * q[j];
                 friction += hidden.drive_mu * std::max(0.0, dir[j] * load[j]) + hidden.square * v[j] * v[j];
                 friction += hidden.slow_nm * std::exp(-std::fabs(v[j]) / 0.03) + (now ? hidden.drag_nm : 0);
-                friction += 0.5 * hidden.step_nm * (1 + std::tanh((dir[j] * load[j] - hidden.step_at_nm) / 3));
+                const double past_step_nm = dir[j] * load[j] - hidden.step_at_nm;
+                friction += 0.5 * hidden.step_nm * (1 + std::tanh(past_step_nm / 3));
             }
             double sum = tau[j] + kRatio * kRatio * 3e-4 * a[j] + dir[j] * friction;
             if (here) {
@@ -196,7 +218,8 @@ inline hdt::Run make_run(const Hidden &hidden, const Noise &noise, unsigned long
                              * std::sin(hidden.line_order * q[j] + hidden.line_phase);
                 sum += (hidden.ripple_per_nm * std::fabs(load[j]) + hidden.ripple_per_radps * std::fabs(v[j]))
                            * std::sin(50 * q[j] + hidden.line_phase)
-                       + kG * hidden.moment_kgm * std::cos(q[0]) + hidden.constant_nm + hidden.other_kgm2 * a[1 - j]
+                       + kG * hidden.moment_kgm * std::cos(q[0]) + hidden.constant_nm
+                       + hidden.other_kgm2 * a[1 - j]
                        + hidden.hum_nm * std::sin(6.283185307 * hidden.hum_hz * t / kRate_hz + hum_phase)
                        + (now ? hidden.push_nm : 0);
                 sum /= 1 + hidden.gain;
@@ -216,7 +239,8 @@ inline hdt::Run make_run(const Hidden &hidden, const Noise &noise, unsigned long
     return run;
 }
 
-inline std::vector<hdt::Run> make_runs(const Hidden &hidden, const Noise &noise, unsigned long seed, int count)
+inline std::vector<hdt::Run> make_runs(const Hidden &hidden, const Noise &noise, unsigned long seed,
+                                       int count)
 {
     std::vector<hdt::Run> runs;
     for (int i = 0; i < count; ++i)

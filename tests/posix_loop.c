@@ -46,7 +46,8 @@ static void start(const struct hdt_bus *bus)
 {
     struct drv_reference ref = reference();
     struct drv_host_cfg cfg = {.mode = HDT_MODE_TORQUE, .settle_s = 0.05};
-    if (drv_ring_init(&ring, slots, 8192) != 0 || drv_host_init(&host, rig_tables(), bus, &ring, &ref, &cfg) != HDT_OK)
+    if (drv_ring_init(&ring, slots, 8192) != 0
+        || drv_host_init(&host, rig_tables(), bus, &ring, &ref, &cfg) != HDT_OK)
         die("the host does not start");
 }
 
@@ -73,7 +74,8 @@ static unsigned long replay(const char *dir)
     if (r == NULL || hdt_init(&core, rig_tables()) != HDT_OK)
         die(err);
     while (drv_reader_next(r, &rec) == 1) {
-        if (hdt_step(&core, &rec.in, &again) != HDT_OK || memcmp(again.digit, rec.out.digit, sizeof again.digit) != 0)
+        if (hdt_step(&core, &rec.in, &again) != HDT_OK
+            || memcmp(again.digit, rec.out.digit, sizeof again.digit) != 0)
             die("a replayed digit differs");
         n++;
         for (unsigned j = 0; j < DRV_AXES; j++)
@@ -95,7 +97,8 @@ static void over_loop(const char *dir)
     for (uint64_t t_us = 1000; drv_host_period(&host, t_us) < DRV_HOST_DONE; t_us += 1429)
         rig_serve(&servo);
     printf("loop: %s, %llu periods, %llu lost, digits %08lx\n", drv_host_phase_str(host.phase),
-           (unsigned long long)host.cycle.count.periods, (unsigned long long)host.cycle.count.lost, replay(dir));
+           (unsigned long long)host.cycle.count.periods, (unsigned long long)host.cycle.count.lost,
+           replay(dir));
 }
 
 /* The servo's process: answers until it is killed. */
@@ -135,7 +138,8 @@ static void over_unix(const char *dir)
     start(&bus);
     if (drv_rt_enter(&wish, line, sizeof line) != 0)
         fprintf(stderr, "posix_loop: %s\n", line); /* may be refused: said, not fatal */
-    if (drv_rt_init(&rt, &cfg, &clock, rig_tables()->period_ns, NULL, 0) != HDT_OK || drv_rt_run(&rt, &host) != 0)
+    if (drv_rt_init(&rt, &cfg, &clock, rig_tables()->period_ns, NULL, 0) != HDT_OK
+        || drv_rt_run(&rt, &host) != 0)
         die("the loop does not run");
     hdt_bus_close(&bus);
     (void)kill(servo, SIGKILL);
@@ -155,7 +159,8 @@ int main(int argc, char **argv)
     over_loop(argv[1]);
     over_unix(argv[1]);
     /* what only Linux has is refused in words, not missing */
-    if (hdt_bus_open(&bus, "can:nowhere0", HDT_BUS_HOST, err, sizeof err) == 0 || strstr(err, "can:nowhere0") == NULL)
+    if (hdt_bus_open(&bus, "can:nowhere0", HDT_BUS_HOST, err, sizeof err) == 0
+        || strstr(err, "can:nowhere0") == NULL)
         die("can: on a system without it");
     return 0;
 }

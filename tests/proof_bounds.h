@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
  * What the proofs assume of a table beyond the ranges in hdt_tables.c: coefficients of a low-pass that
- * biquad_ok takes.  tests/check_tables.c holds hdt_tables_check to them: the bound is accepted, one beyond is not.
+ * biquad_ok takes.  tests/check_tables.c holds hdt_tables_check to them: the bound is accepted, one
+ * beyond is not.
  */
 #ifndef PROOF_BOUNDS_H
 #define PROOF_BOUNDS_H

@@ -55,7 +55,8 @@ static void on_forbidden(int sig, siginfo_t *info, void *context)
     _exit(97);
 }
 
-#define ALLOW(nr) BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, (nr), 0, 1), BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW)
+#define ALLOW(nr) BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, (nr), 0, 1), \
+                  BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW)
 
 static void forbid(void)
 {
@@ -75,7 +76,8 @@ static void forbid(void)
     action.sa_sigaction = on_forbidden;
     action.sa_flags = SA_SIGINFO;
     sigaction(SIGSYS, &action, NULL);
-    if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 || prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) != 0) {
+    if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0 ||
+        prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) != 0) {
         fprintf(stderr, "rt_shim: no seccomp filter on this kernel\n");
         _exit(98);
     }

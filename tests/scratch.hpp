@@ -2,14 +2,16 @@
 //
 // Where a test writes: a directory of its own, under the system's for temporary files.
 //
-// Owns: that directory; it goes when the test program ends, also after a test that failed or was
-// killed.
+// Owns: that directory, which goes when the test program ends, also after a test that failed or was
+// killed; how a test reads a file back.
 // Never: what a test must leave behind or not; tests look themselves.
 #pragma once
 
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <string>
 
 #include <unistd.h>
@@ -51,3 +53,14 @@ inline std::string scratch_dir() { return the_scratch.of_this_process(); }
 
 // A path in it.
 inline std::string scratch(const std::string &name) { return scratch_dir() + "/" + name; }
+
+// A file's bytes; a test that asks for a file that is not there ends.
+inline std::string slurp(const std::string &path)
+{
+    std::ifstream in(path, std::ios::binary);
+    if (!in) {
+        std::perror(path.c_str());
+        std::abort();
+    }
+    return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}

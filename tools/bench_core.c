@@ -46,7 +46,7 @@ static double uniform(uint64_t *seed, double low, double high)
     return low + (high - low) * ldexp((double)(*seed >> 11), -53);
 }
 
-/* Every effect at some size, so that no term is spared by a zero. */
+/* Every effect at some size, so that no term is absent from a joint or spared by a zero. */
 static void add_effects(struct hdt_arm *a)
 {
     a->payload_kg = 2;
@@ -66,6 +66,21 @@ static void add_effects(struct hdt_arm *a)
         k->lines = 2;
         k->line[0] = (struct hdt_arm_line){100.5, 0.6, 0.2, 1};
         k->line[1] = (struct hdt_arm_line){1.5, 0.5, -0.4, 0};
+        if (!k->has_stiffness) { /* the wrist has no soft wind-up of its own: the elbow's */
+            k->has_stiffness = 1;
+            memcpy(k->stiffness, a->joint[3].stiffness, sizeof k->stiffness);
+        }
+        k->has_local = k->has_table = k->table_directed = 1;
+        k->table_axis = HDT_AXIS_LOAD;
+        k->local[0].from = k->local[1].from = -1;
+        k->local[0].to = k->local[1].to = 1.5;
+        k->table.from = -60;
+        k->table.to = 60;
+        for (int i = 0; i < HDT_ARM_CURVE_POINTS; i++) {
+            k->local[0].nm[i] = 1 + sin(0.3 * i);
+            k->local[1].nm[i] = 2 + sin(0.2 * i);
+            k->table.nm[i] = sin(0.1 * i);
+        }
     }
 }
 
@@ -84,8 +99,14 @@ static void prepare(uint32_t terms, int random)
         fprintf(stderr, "bench_core: %s\n", err);
         exit(3);
     }
-    for (uint32_t j = 0; j < tables.joints; j++)
+    for (uint32_t j = 0; j < tables.joints; j++) {
         tables.joint[j].terms &= terms;
+        if (tables.joint[j].terms != terms && terms == sets[2].terms) {
+            fprintf(stderr, "bench_core: joint %u: terms 0x%x, expected 0x%x\n", j + 1, tables.joint[j].terms,
+                    terms);
+            exit(1);
+        }
+    }
     if (hdt_init(&core, &tables) != HDT_OK)
         exit(1);
     for (int k = 0; k < INPUTS; k++) {
@@ -95,7 +116,8 @@ static void prepare(uint32_t terms, int random)
         for (uint32_t j = 0; j < tables.joints; j++) {
             const double x = 2 * 3.14159265358979 * k / INPUTS + j;
             const double v_max = ldexp(tables.joint[j].v_max_q24, -24);
-            const double q = random ? uniform(&seed, arm.joint[j].q_min_rad, arm.joint[j].q_max_rad) : 0.4 * sin(x);
+            const double q = random ? uniform(&seed, arm.joint[j].q_min_rad, arm.joint[j].q_max_rad)
+                                    : 0.4 * sin(x);
             const double v = random ? uniform(&seed, -v_max, v_max) : 0.5 * cos(x);
             in->q_ref[j].raw = (int32_t)lrint(ldexp(q, 24));
             in->v_ref[j].raw = (int32_t)lrint(ldexp(v, 24));
@@ -171,6 +193,7 @@ int main(int argc, char **argv)
     for (int k = 0; k < 3; k++)
         time_it(sets[k].name, sets[k].terms);
     printf("core: state %zu bytes, tables %zu a joint (%zu for %u), input %zu, output %zu\n", sizeof core,
-           sizeof tables.joint[0], hdt_tables_size(tables.joints), tables.joints, sizeof input[0], sizeof output);
+           sizeof tables.joint[0], hdt_tables_size(tables.joints), tables.joints, sizeof input[0],
+           sizeof output);
     return 0;
 }

@@ -229,7 +229,9 @@ Score score(const Outcome &o)
     Score s;
     const Answer &a = o.answer.at(static_cast<std::size_t>(o.c.joint - 1));
     const std::string run = "run" + std::to_string(o.c.only_run) + ".csv";
-    const auto there = [&run](const std::string &path) { return path.substr(path.find_last_of('/') + 1) == run; };
+    const auto there = [&run](const std::string &path) {
+        return path.substr(path.find_last_of('/') + 1) == run;
+    };
     s.located = !a.event_runs.empty() && std::all_of(a.event_runs.begin(), a.event_runs.end(), there);
     s.detected = a.verdict == "named" || a.verdict == "unnamed";
     if (!s.detected)

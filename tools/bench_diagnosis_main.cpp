@@ -51,7 +51,8 @@ int main(int argc, char **argv)
     app.add_option("--seconds", size.seconds, "length of a run")->check(CLI::Range(10, 600));
     app.add_option("--workers,-j", place.workers, "processes at a time")->check(CLI::Range(1, 64));
     app.add_option("--only", only, "cases whose name begins so");
-    app.add_flag("--keep", place.keep, "keep the logs, 80 MB a case; kept ones are diagnosed again, not made again");
+    app.add_flag("--keep", place.keep,
+                 "keep the logs, 80 MB a case; kept ones are diagnosed again, not made again");
     CLI11_PARSE(app, argc, argv);
     head.size = size;
     for (int v : {HDT_VERSION_MAJOR, HDT_VERSION_MINOR, HDT_VERSION_PATCH})

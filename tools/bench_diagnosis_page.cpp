@@ -179,7 +179,8 @@ void other_targets(const std::vector<Outcome> &all, Targets *t)
     t->most("in one run of eight only: named", count(part, wrong_name),
             static_cast<int>(part.size()), 0);
     t->least("in one run of eight only: found there and left out of the fit",
-             count(part, [](const Outcome &o) { return score(o).located; }), static_cast<int>(part.size()), 0.8);
+             count(part, [](const Outcome &o) { return score(o).located; }), static_cast<int>(part.size()),
+             0.8);
     const Cases two = pick(all, [](const Outcome &o) { return o.c.group == Group::Two; });
     t->least("two effects on one joint: both in the printed set",
              count(two, in_set), static_cast<int>(two.size()), 0.9);
@@ -266,8 +267,8 @@ std::string effect_table(const std::vector<Outcome> &all)
             const auto n = [](int x) { return std::to_string(x); };
             const bool named = k.group == Group::Named;
             out += row({k.id, fixed(rho, 2), fixed(quantile(rhos, 0.5), 2), n(static_cast<int>(c.size())),
-                        n(detected), n(count(c, first)), n(count(c, in_set)), n(count(c, wrong_name)), n(extra),
-                        named ? fixed(quantile(share, 0.5), 2) : "",
+                        n(detected), n(count(c, first)), n(count(c, in_set)), n(count(c, wrong_name)),
+                        n(extra), named ? fixed(quantile(share, 0.5), 2) : "",
                         named ? fixed(quantile(over, 0.5), 3) : ""});
         }
     return out;
@@ -386,17 +387,19 @@ std::string page(const PageHead &h, const std::vector<Outcome> &outcomes)
     other_targets(outcomes, &targets);
     std::string out = "# Diagnosis, put to the test\n\n`" + h.command + "`, " + h.version + ", "
                       + fixed(h.minutes, 0) + " min: " + std::to_string(outcomes.size()) + " cases, "
-                      + std::to_string(h.size.specimens) + " specimens, runs of " + std::to_string(h.size.seconds)
-                      + " s.\n\n" + what_it_is;
+                      + std::to_string(h.size.specimens) + " specimens, runs of "
+                      + std::to_string(h.size.seconds) + " s.\n\n" + what_it_is;
     out += "\n## Against what is to be reached\n\n" + targets.text();
     out += "\n## Nothing hidden\n\nplain: as the rig is; scatter and wander: half a floor more, on every "
            "joint; stale: 2 % of readings repeat the one before.\n\n" + null_table(outcomes);
     out += "\nHeld-out error of the healthy sets under the commissioned models, median, N m:\n\n"
            + specimen_table(outcomes);
     const Cases off = pick(outcomes, [](const Outcome &o) { return o.c.group == Group::Named && !aimed(o); });
-    out += "\n## By effect\n\n" + std::to_string(off.size())
-           + " cases missed the rho wanted by more than a factor of 1.5; they are in this table and not in the "
-             "rates by rho above.\n\n" + effect_table(outcomes);
+    out +=
+        "\n## By effect\n\n" + std::to_string(off.size())
+        + " cases missed the rho wanted by more than a factor of 1.5; they are in this table and not in the "
+          "rates by rho above.\n\n"
+        + effect_table(outcomes);
     out += "\n## What was answered\n\n" + confusion(outcomes);
     out += "\n## Worst cases\n\n" + worst(h, outcomes, 25);
     out += "\n## Cases without an answer\n\n" + failures(outcomes);

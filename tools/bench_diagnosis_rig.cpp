@@ -176,14 +176,16 @@ double number_in(const std::string &words, const std::string &key)
 
 // Some effects change when the gear rings, sticks and lets go as well, and two simulations then differ by all
 // of that, though the effect itself does little: what it does is computed.  Empty for all others.
-std::vector<double> by_the_book(const std::string &hidden, const std::string &arm_file, const std::string &log, int joint)
+std::vector<double> by_the_book(const std::string &hidden, const std::string &arm_file,
+                                const std::string &log, int joint)
 {
     const std::string id = hidden.substr(0, hidden.find('='));
     if (id != "joint_offset" && id != "eccentricity" && id != "inertia")
         return {};
     const ArmFile file = ArmFile::load(arm_file);
     const Run run = read_run(log);
-    const double size = number_in(hidden, id), order = number_in(hidden, "order"), phase = number_in(hidden, "phase");
+    const double size = number_in(hidden, id), order = number_in(hidden, "order");
+    const double phase = number_in(hidden, "phase");
     const auto j = static_cast<Eigen::Index>(joint - 1);
     std::vector<double> out(static_cast<std::size_t>(run.t_s.back() / kBlock_s));
     std::size_t t = 0;
@@ -441,14 +443,16 @@ std::string Rig::options_of(const Case &c, const Kind &k) const
     constexpr double moving_radps = 0.05, length_s = 3, margin_s = 3;
     if (c.group != Group::Part || std::string(k.options).find("to=") == std::string::npos)
         return k.options;
-    const std::vector<double> &v =
-        healthy_.at({c.specimen, c.set}).runs[static_cast<std::size_t>(c.only_run)].v_radps[static_cast<std::size_t>(c.joint - 1)];
+    const auto &run = healthy_.at({c.specimen, c.set}).runs[static_cast<std::size_t>(c.only_run)];
+    const std::vector<double> &v = run.v_radps[static_cast<std::size_t>(c.joint - 1)];
     const double rows_a_second = static_cast<double>(v.size()) / size_.seconds;
     double best_s = margin_s, most = -1;
     for (double from = margin_s; from + length_s + margin_s <= size_.seconds; from += 1) {
         const auto begin = v.begin() + static_cast<std::ptrdiff_t>(from * rows_a_second);
-        const auto moving = static_cast<double>(std::count_if(begin, begin + static_cast<std::ptrdiff_t>(length_s * rows_a_second),
-                                                              [](double x) { return std::abs(x) > moving_radps; }));
+        const auto moving =
+            static_cast<double>(std::count_if(begin,
+                                              begin + static_cast<std::ptrdiff_t>(length_s * rows_a_second),
+                                              [](double x) { return std::abs(x) > moving_radps; }));
         if (moving > most) {
             most = moving;
             best_s = from;
@@ -530,7 +534,8 @@ void Rig::measure(Outcome *o, const std::string &dir) const
         const Signals with = read_signals(run_file(dir, r));
         for (std::size_t j = 0; j < o->rho.size(); j++) {
             const double floor = h.answer[j].refit_nm;
-            const double share = contribution_nm(o->hidden, o->c, static_cast<int>(j) + 1, r, dir, with) / floor;
+            const double share = contribution_nm(o->hidden, o->c, static_cast<int>(j) + 1, r, dir, with)
+                                 / floor;
             if (floor > 0)
                 o->rho[j] += share * share / static_cast<double>(runs.size());
         }

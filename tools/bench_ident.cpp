@@ -64,8 +64,11 @@ Cost run(const Text &words, bool one_processor)
     struct rusage used = {};
     if (pid < 0 || wait4(pid, &status, 0, &used) != pid || status != 0)
         throw hdt::InputError(words[0] + " " + words[1] + " failed; run make first");
-    const auto s = [](timeval t) { return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec); };
-    return {seconds_since(begin), s(used.ru_utime) + s(used.ru_stime), static_cast<double>(used.ru_maxrss) / 1024};
+    const auto s = [](timeval t) {
+        return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+    };
+    return {seconds_since(begin), s(used.ru_utime) + s(used.ru_stime),
+            static_cast<double>(used.ru_maxrss) / 1024};
 }
 
 std::string log_of(const std::string &out, int k) { return out + "/run" + std::to_string(k) + ".csv"; }
@@ -85,8 +88,8 @@ Text with_logs(Text words, const std::string &out, int count)
 void print(const char *what, int count, const Cost &c)
 {
     const double rows = 700.0 * run_s * count * 7;
-    std::printf("%-38s %5.2f million rows  %6.2f s  (processor %6.2f s, %.2f us a row)  peak %4.0f MB\n", what, rows / 1e6,
-                c.wall_s, c.processor_s, 1e6 * c.processor_s / rows, c.peak_mb);
+    std::printf("%-38s %5.2f million rows  %6.2f s  (processor %6.2f s, %.2f us a row)  peak %4.0f MB\n",
+                what, rows / 1e6, c.wall_s, c.processor_s, 1e6 * c.processor_s / rows, c.peak_mb);
 }
 
 bool same_bytes(const std::string &a, const std::string &b)
@@ -104,14 +107,17 @@ void whole_programs(const std::string &hdt, const std::string &arm, const std::s
     for (int k = 0; k < runs; k++) {
         const std::string seed = std::to_string(700 + k);
         if (!std::filesystem::exists(log_of(out, k)))
-            run({hdt, "sim", "--arm", arm, "--mode", "velocity", "--seed", seed, "--effect", "cable_spring=10@2", "--task",
-                 "excite:seed=" + seed + ",seconds=" + std::to_string(run_s), "--out", log_of(out, k)}, false);
+            run({hdt, "sim", "--arm", arm, "--mode", "velocity", "--seed", seed, "--effect",
+                 "cable_spring=10@2", "--task", "excite:seed=" + seed + ",seconds=" + std::to_string(run_s),
+                 "--out", log_of(out, k)},
+                false);
     }
     const auto ident = [&](int count, const std::string &name) {
         return with_logs({hdt, "ident", "--arm", arm, "--out", out + "/" + name}, out, count);
     };
     const auto diagnose = [&](int count, const std::string &name) {
-        return with_logs({hdt, "diagnose", "--model", out + "/ident/model.toml", "--out", out + "/" + name}, out, count);
+        return with_logs({hdt, "diagnose", "--model", out + "/ident/model.toml", "--out", out + "/" + name},
+                         out, count);
     };
     print("ident, five minutes", runs / 2, run(ident(runs / 2, "half"), false));
     print("ident, ten minutes", runs, run(ident(runs, "ident"), false));
@@ -119,7 +125,8 @@ void whole_programs(const std::string &hdt, const std::string &arm, const std::s
     print("diagnose, ten minutes", runs, run(diagnose(runs, "all"), false));
     print("diagnose, ten minutes, one processor", runs, run(diagnose(runs, "one"), true));
     std::printf("diagnosis.json of one processor and of all: %s\n",
-                same_bytes(out + "/one/diagnosis.json", out + "/all/diagnosis.json") ? "the same bytes" : "DIFFERENT");
+                same_bytes(out + "/one/diagnosis.json", out + "/all/diagnosis.json") ? "the same bytes"
+                                                                                     : "DIFFERENT");
 }
 
 // Ten runs of 10 000 rows, 50 columns of which 6 are in y: Gram matrices, then least squares again and
@@ -133,8 +140,12 @@ void regression()
     std::vector<hdt::RunRows> y;
     for (int r = 0; r < 10; r++) {
         x.push_back(Eigen::MatrixXd::NullaryExpr(rows, columns, [&] { return gauss(rng); }));
-        y.push_back({x.back().leftCols(in).rowwise().sum() + Eigen::VectorXd::NullaryExpr(rows, [&] { return gauss(rng); }),
-                     Eigen::MatrixXd::Ones(rows, 1), {}, Eigen::MatrixXd::Zero(rows, 1), {hdt::RG_COULOMB},
+        y.push_back({x.back().leftCols(in).rowwise().sum() +
+                         Eigen::VectorXd::NullaryExpr(rows, [&] { return gauss(rng); }),
+                     Eigen::MatrixXd::Ones(rows, 1),
+                     {},
+                     Eigen::MatrixXd::Zero(rows, 1),
+                     {hdt::RG_COULOMB},
                      std::vector<int>(rows, 0)});
     }
     hdt::NoiseModel white;
@@ -163,8 +174,8 @@ void regression()
         kept = static_cast<Eigen::Index>(which.size());
         best = std::min(best, seconds_since(begin));
     }
-    std::printf("sparse regression, 100 000 x 50           %6.1f ms  (%ld columns kept, %ld true)\n", 1e3 * best,
-                static_cast<long>(kept), static_cast<long>(in));
+    std::printf("sparse regression, 100 000 x 50           %6.1f ms  (%ld columns kept, %ld true)\n",
+                1e3 * best, static_cast<long>(kept), static_cast<long>(in));
 }
 
 void stribeck()
@@ -186,7 +197,8 @@ void stribeck()
         vc = hdt::paper::fit_stribeck(points).parameters[3];
         best = std::min(best, seconds_since(begin));
     }
-    std::printf("Stribeck fit with sigma, 80 points        %6.1f us  (speed %.3f rad/s for 0.1)\n", 1e6 * best, vc);
+    std::printf("Stribeck fit with sigma, 80 points        %6.1f us  (speed %.3f rad/s for 0.1)\n",
+                1e6 * best, vc);
 }
 
 } // namespace

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// The same arm in Pinocchio: what its gravity, and its gravity and inertia, cost a call, and whether the core's
-// terms are those torques.
+// The same arm in Pinocchio: what its gravity, and its gravity and inertia, cost a call, and
+// whether the core's terms are those torques.
 //
 //   bench_pinocchio ARM                  time of a call, median; worst difference over random states
 //   bench_pinocchio ARM gravity|inertia N
@@ -44,7 +44,8 @@ void build(const hdt_arm &arm)
         last = model.addJoint(last, pinocchio::JointModelRZ(), from_last, "joint " + std::to_string(j + 1));
         const double *i = k.inertia_kgm2; // xx xy xz yy yz zz; theirs xx xy yy xz yz zz
         Eigen::Matrix<double, 10, 1> link;
-        link << k.mass_kg, k.moment_kgm[0], k.moment_kgm[1], k.moment_kgm[2], i[0], i[1], i[3], i[2], i[4], i[5];
+        link << k.mass_kg, k.moment_kgm[0], k.moment_kgm[1], k.moment_kgm[2], i[0], i[1], i[3], i[2], i[4],
+            i[5];
         model.appendBodyToJoint(last, pinocchio::Inertia::FromDynamicParameters(link));
     }
     data = pinocchio::Data(model);
@@ -54,7 +55,9 @@ std::vector<State> random_states(const hdt_arm &arm)
 {
     std::mt19937 random(1);
     std::vector<State> states(kStates);
-    const auto uniform = [&](double low, double high) { return std::uniform_real_distribution<>(low, high)(random); };
+    const auto uniform = [&](double low, double high) {
+        return std::uniform_real_distribution<>(low, high)(random);
+    };
     for (State &s : states) {
         s = {Eigen::VectorXd(arm.joints), Eigen::VectorXd(arm.joints), Eigen::VectorXd(arm.joints)};
         for (int j = 0; j < arm.joints; j++) {
@@ -106,12 +109,16 @@ void compare(const hdt_arm &arm, const std::vector<State> &states)
         const Eigen::VectorXd whole = pinocchio::rnea(model, data, s.q, s.v, s.a);
         for (int j = 0; j < arm.joints; j++) {
             const double rotor = std::ldexp(tables.joint[j].rotor_q20, -20) * s.a[j];
-            worst_gravity_nm = std::max(worst_gravity_nm, std::abs(std::ldexp(out.term[HDT_TERM_GRAVITY][j].raw, -16) - gravity[j]));
-            worst_inertia_nm = std::max(worst_inertia_nm, std::abs(std::ldexp(out.term[HDT_TERM_INERTIA][j].raw, -16)
-                                                                   - rotor - (whole - gravity)[j]));
+            worst_gravity_nm = std::max(worst_gravity_nm,
+                                        std::abs(std::ldexp(out.term[HDT_TERM_GRAVITY][j].raw, -16)
+                                                 - gravity[j]));
+            worst_inertia_nm = std::max(worst_inertia_nm,
+                                        std::abs(std::ldexp(out.term[HDT_TERM_INERTIA][j].raw, -16) - rotor
+                                                 - (whole - gravity)[j]));
         }
     }
-    std::printf("pinocchio %s: the core's gravity differs by %.1e N m at most, its inertia by %.1e, over %d random states\n",
+    std::printf("pinocchio %s: the core's gravity differs by %.1e N m at most, its inertia by %.1e, over %d "
+                "random states\n",
                 PINOCCHIO_VERSION, worst_gravity_nm, worst_inertia_nm, kStates);
 }
 
@@ -153,7 +160,8 @@ double median_ns(double (*call)(const void *), const std::vector<State> &states)
 
 int main(int argc, char **argv)
 {
-    const bool counted = argc == 4 && (std::strcmp(argv[2], "gravity") == 0 || std::strcmp(argv[2], "inertia") == 0);
+    const bool counted = argc == 4
+                         && (std::strcmp(argv[2], "gravity") == 0 || std::strcmp(argv[2], "inertia") == 0);
     if (argc != 2 && !counted) {
         std::fprintf(stderr, "usage: bench_pinocchio ARM [gravity|inertia N]\n");
         return 2;
@@ -173,7 +181,9 @@ int main(int argc, char **argv)
         return std::isfinite(sum) ? 0 : 1;
     }
     compare(arm, states);
-    std::printf("pinocchio: %d joints, gravity: %.0f ns a call (median)\n", arm.joints, median_ns(library_gravity, states));
-    std::printf("pinocchio: %d joints, gravity and inertia: %.0f ns a call (median)\n", arm.joints, median_ns(library_inertia, states));
+    std::printf("pinocchio: %d joints, gravity: %.0f ns a call (median)\n", arm.joints,
+                median_ns(library_gravity, states));
+    std::printf("pinocchio: %d joints, gravity and inertia: %.0f ns a call (median)\n", arm.joints,
+                median_ns(library_inertia, states));
     return 0;
 }

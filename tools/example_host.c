@@ -22,12 +22,14 @@ int main(int argc, char **argv)
     void *so = argc > 3 ? dlopen(argv[1], RTLD_NOW) : NULL;
     const struct hdt_plugin *p = so ? (const struct hdt_plugin *)dlsym(so, HDT_PLUGIN_SYMBOL) : NULL;
     if (!file || !p || p->abi.major != HDT_PLUGIN_ABI_MAJOR) {
-        fprintf(stderr, "example_host: %s\n", !file ? "PLUGIN.so ARM.hdtm BUS?" : so ? "another ABI" : dlerror());
+        const char *trouble = !file ? "PLUGIN.so ARM.hdtm BUS?" : so ? "another ABI" : dlerror();
+        fprintf(stderr, "example_host: %s\n", trouble);
         return 3;
     }
     size_t size = fread(image, 1, sizeof image, file);
     const struct hdt_plugin_bus *bus = (const struct hdt_plugin_bus *)p->extension(HDT_PLUGIN_EXT_BUS);
-    const struct hdt_plugin_names *names = (const struct hdt_plugin_names *)p->extension(HDT_PLUGIN_EXT_NAMES);
+    const struct hdt_plugin_names *names =
+        (const struct hdt_plugin_names *)p->extension(HDT_PLUGIN_EXT_NAMES);
     int e = p->create(&me, calloc(1, p->memory_bytes), p->memory_bytes, &arm);
     if (e == 0) e = p->load(arm, image, size, why, sizeof why);
     if (e == 0) e = bus->open(arm, argv[3], DRV_FORMAT_A, NULL, why, sizeof why);

@@ -39,21 +39,11 @@ std::string version()
            std::to_string(HDT_VERSION_PATCH);
 }
 
-std::string digest(const hdt_arm &arm)
-{
-    std::string hex;
-    for (uint8_t byte : arm.digest) {
-        char two[3];
-        std::snprintf(two, sizeof two, "%02x", byte);
-        hex += two;
-    }
-    return hex;
-}
-
 // Binary and XML of one build have it, no other's.
 std::string token(const hdt_arm &arm)
 {
-    return "hdt-" + version() + "-" + std::to_string(sizeof(plant_model)) + "-" + digest(arm);
+    return "hdt-" + version() + "-" + std::to_string(sizeof(plant_model)) + "-" +
+           hdt::hex(arm.digest, sizeof arm.digest);
 }
 
 bool is_plain(const std::string &name)

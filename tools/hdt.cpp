@@ -65,7 +65,8 @@ std::vector<int> parse_joints(const std::string &text)
             used = 0;
         }
         if (part.empty() || used != part.size() || joint < 1 || joint > HDT_JOINTS_MAX)
-            throw InputError("--joints: expected numbers 1 to 16 with commas, as in 2,4; found \"" + text + "\"");
+            throw InputError("--joints: expected numbers 1 to 16 with commas, as in 2,4; found \"" + text +
+                             "\"");
         joints.push_back(joint);
         if (end == std::string::npos)
             break;
@@ -92,8 +93,9 @@ int main(int argc, char **argv)
     CLI::App app{"hdt: control, rig and diagnosis for harmonic-drive arms\n"
                  "exit codes: 0 ok, 1 the answer is no, 2 usage, 3 bad input"};
     app.name("hdt");
-    app.set_version_flag("--version", std::to_string(HDT_VERSION_MAJOR) + "." + std::to_string(HDT_VERSION_MINOR) +
-                                          "." + std::to_string(HDT_VERSION_PATCH));
+    app.set_version_flag("--version", std::to_string(HDT_VERSION_MAJOR) + "." +
+                                          std::to_string(HDT_VERSION_MINOR) + "." +
+                                          std::to_string(HDT_VERSION_PATCH));
     app.require_subcommand(1);
     add_sim(app, code);
     add_servo(app, code);

@@ -52,7 +52,8 @@ std::vector<Wire> arcnet_ways(const BusOptions &o, Lengths len)
     for (double mbps : o.mbps > 0 ? std::vector<double>{o.mbps} : std::vector<double>{2.5, 5, 10}) {
         arcnet_line line = {arcnet_bit_ns(mbps), 0};
         if (line.bit_ns == 0)
-            throw InputError("--bitrate: expected a rate of ARCNET, 10, 5, 2.5, 1.25, ... 0.15625 Mbit/s; found " +
+            throw InputError("--bitrate: expected a rate of ARCNET, 10, 5, 2.5, 1.25, ... 0.15625 Mbit/s; "
+                             "found " +
                              rate_name(mbps));
         auto us = [](uint64_t ns) { return static_cast<double>(ns) * 1e-3; };
         // each of the two messages may have just missed the token
@@ -122,7 +123,8 @@ struct Link {
 class Probe {
 public:
     Probe(const BusOptions &o, const hdt_bus &bus)
-        : options_(o), bus_(bus), format_(o.format == "B" ? DRV_FORMAT_B : DRV_FORMAT_A), clock_(hdt_clock_posix())
+        : options_(o), bus_(bus), format_(o.format == "B" ? DRV_FORMAT_B : DRV_FORMAT_A),
+          clock_(hdt_clock_posix())
     {
     }
 
@@ -250,7 +252,8 @@ bool print_link(const BusOptions &o, Link link, const hdt_bus_health &h)
                 o.seconds, n(link.sent), n(link.answered), n(link.lost));
     if (link.dropped + link.down + link.bad + link.other_format + link.not_awaited > 0)
         std::printf("  queue full %llu, line down %llu, no telegrams %llu, of the other format %llu, "
-                    "not awaited %llu\n", n(link.dropped), n(link.down), n(link.bad), n(link.other_format), n(link.not_awaited));
+                    "not awaited %llu\n",
+                    n(link.dropped), n(link.down), n(link.bad), n(link.other_format), n(link.not_awaited));
     if (link.answered > 0) {
         std::printf("  round trip: p50 %.0f us, p99 %.0f us, worst %.0f us%s\n", quantile(link.round_us, 0.5),
                     quantile(link.round_us, 0.99), link.round_us.back(),
@@ -267,8 +270,9 @@ bool print_link(const BusOptions &o, Link link, const hdt_bus_health &h)
     if (link.other_format > 0)
         std::printf("  the servo speaks the other format: try --format %s\n", o.format == "A" ? "B" : "A");
     else
-        std::printf("  nobody answers: expected a state telegram of Format %s; is the servo driver on, and of this "
-                    "format? (it drops commands of another)\n", o.format.c_str());
+        std::printf("  nobody answers: expected a state telegram of Format %s; is the servo driver on, and "
+                    "of this format? (it drops commands of another)\n",
+                    o.format.c_str());
     return false;
 }
 
@@ -309,8 +313,8 @@ int run(const BusOptions &given)
     Probe probe(o, bus);
     if (probe.in_use()) {
         hdt_bus_close(&bus);
-        throw InputError(o.bus + ": another host is talking to the servo driver: stop it first; what is sent to try the "
-                                 "link would put its brakes on");
+        throw InputError(o.bus + ": another host is talking to the servo driver: stop it first; what is sent "
+                                 "to try the link would put its brakes on");
     }
     rig::go_real_time("hdt bus", 80);
     Link link = probe.run();
@@ -325,14 +329,25 @@ int run(const BusOptions &given)
 void add_bus(CLI::App &app, int &code)
 {
     auto o = std::make_shared<BusOptions>();
-    CLI::App *sub = app.add_subcommand("bus", "does a period fit this bus, and who answers: rate, load, round trip, losses");
+    CLI::App *sub = app.add_subcommand("bus", "does a period fit this bus, and who answers: rate, load, "
+                                              "round trip, losses");
     sub->add_option("bus", o->bus, "unix:PATH, can:IFACE, isotp:IFACE or arcnet:IFACE")->required();
-    sub->add_option("--rate", o->rate_hz, "of the control loop, Hz")->capture_default_str()->check(CLI::Range(1.0, 20000.0));
-    sub->add_option("--seconds", o->seconds, "to try the link; 0: only say what fits")->capture_default_str()->check(CLI::Range(0.0, 3600.0));
-    sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")->capture_default_str();
-    sub->add_option("--bitrate", o->mbps, "the line's, Mbit/s, to be judged; default: what a CAN interface is set to, else the usual ones")->check(CLI::Range(0.01, 100.0));
-    sub->add_option("--data-bitrate", o->data_mbps, "of CAN FD's data phase, Mbit/s; default: classical CAN")->check(CLI::Range(0.01, 100.0));
-    sub->add_option("--answer", o->answer_us, "us the servo driver takes at most; default: one of its ticks")->capture_default_str();
+    sub->add_option("--rate", o->rate_hz, "of the control loop, Hz")
+        ->capture_default_str()
+        ->check(CLI::Range(1.0, 20000.0));
+    sub->add_option("--seconds", o->seconds, "to try the link; 0: only say what fits")
+        ->capture_default_str()
+        ->check(CLI::Range(0.0, 3600.0));
+    sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")
+        ->capture_default_str();
+    sub->add_option("--bitrate", o->mbps,
+                    "the line's, Mbit/s, to be judged; default: what a CAN interface is set to, else the "
+                    "usual ones")
+        ->check(CLI::Range(0.01, 100.0));
+    sub->add_option("--data-bitrate", o->data_mbps, "of CAN FD's data phase, Mbit/s; default: classical CAN")
+        ->check(CLI::Range(0.01, 100.0));
+    sub->add_option("--answer", o->answer_us, "us the servo driver takes at most; default: one of its ticks")
+        ->capture_default_str();
     sub->callback([o, &code] { code = run(*o); });
 }
 

@@ -85,7 +85,8 @@ CanRates can_rates(const std::string &iface)
     std::memcpy(&message, answer.data(), sizeof message);
     if (message.nlmsg_type != RTM_NEWLINK || message.nlmsg_len > answer.size())
         return rates;
-    const rtattr *info = find(answer.data() + NLMSG_ALIGN(head), message.nlmsg_len - NLMSG_ALIGN(head), IFLA_LINKINFO);
+    const rtattr *info = find(answer.data() + NLMSG_ALIGN(head), message.nlmsg_len - NLMSG_ALIGN(head),
+                              IFLA_LINKINFO);
     const rtattr *kind = find_in(info, IFLA_INFO_KIND), *data = find_in(info, IFLA_INFO_DATA);
     // other kinds number their data otherwise
     if (kind == nullptr || std::strncmp(static_cast<const char *>(RTA_DATA(kind)), "can", 4) != 0)

@@ -74,7 +74,8 @@ Run moving_part(const Run &run)
                 last = std::max(last, k);
             }
     if (first >= last)
-        throw InputError(run.path + ": no reference moves in this run (expected vref columns that are not all zero)");
+        throw InputError(run.path +
+                         ": no reference moves in this run (expected vref columns that are not all zero)");
     return cut_run(run, run.t_s[first], run.t_s[last]);
 }
 
@@ -227,7 +228,8 @@ std::vector<double> residual_of(const Run &run, std::size_t joint, double torque
 {
     std::vector<double> residual;
     for (std::size_t k = 0; k < run.rows(); k++)
-        residual.push_back(torque_gain * run.joint[joint].tau_nm[k] - sum_terms(run, joint, k, false) + sum_terms(run, joint, k, true));
+        residual.push_back(torque_gain * run.joint[joint].tau_nm[k] - sum_terms(run, joint, k, false) +
+                           sum_terms(run, joint, k, true));
     return residual;
 }
 
@@ -236,7 +238,8 @@ std::size_t most_changed(const Figures &a, const Figures &b)
 {
     std::size_t best = 0;
     for (std::size_t j = 0; j < a.feedback_nm.size(); j++)
-        if (std::fabs(a.feedback_nm[j] - b.feedback_nm[j]) > std::fabs(a.feedback_nm[best] - b.feedback_nm[best]))
+        if (std::fabs(a.feedback_nm[j] - b.feedback_nm[j]) >
+            std::fabs(a.feedback_nm[best] - b.feedback_nm[best]))
             best = j;
     return best;
 }
@@ -259,8 +262,8 @@ std::vector<std::vector<std::string>> residual_rows(const nlohmann::json &diagno
     std::vector<std::vector<std::string>> rows = {
         {"joint", "verdict", "effect", "or", "noise floor, N m", "residual before", "after (held out)"}};
     for (const Named &n : named_effects(diagnosis))
-        rows.push_back({std::to_string(n.joint), n.verdict, n.effect, n.ambiguous, num(n.floor_nm), num(n.before_nm),
-                        num(n.after_nm)});
+        rows.push_back({std::to_string(n.joint), n.verdict, n.effect, n.ambiguous, num(n.floor_nm),
+                        num(n.before_nm), num(n.after_nm)});
     return rows;
 }
 
@@ -287,8 +290,8 @@ int run(const CompareOptions &o)
     Report report("Closed loop before and after");
     auto rows = figure_rows(a, b);
     std::string verdict = "Feedback torque share " + num(100 * a.feedback_share) + " % before, " +
-                          num(100 * b.feedback_share) + " % after; mean flange error " + num(a.error_mean_mm) +
-                          " mm before, " + num(b.error_mean_mm) + " mm after.";
+                          num(100 * b.feedback_share) + " % after; mean flange error " +
+                          num(a.error_mean_mm) + " mm before, " + num(b.error_mean_mm) + " mm after.";
     nlohmann::json diagnosis;
     if (!o.diagnosis.empty())
         diagnosis = read_json(o.diagnosis);

@@ -258,7 +258,8 @@ const std::vector<EffectKind> &kinds()
         {"payload", "kg", "a body at the flange", {{"com", 0.05}}, payload},
         {"link_mass", "share", "the link heavier by this share", {}, link_mass},
         {"coupling", "kg m^2", "the link's inertia larger, which other joints feel too", {}, coupling},
-        {"base_tilt", "deg", "the base tilted about a level axis at this azimuth", {{"about", 90}}, base_tilt},
+        {"base_tilt", "deg", "the base tilted about a level axis at this azimuth", {{"about", 90}},
+         base_tilt},
         {"joint_offset", "rad", "the resolver's zero is off", {}, number(&J::fx_resolver_rad)},
         {"lost_counts", "counts", "the resolver jumps", {{"from", 10}}, lost_counts},
         {"eccentricity", "rad", "the resolver reads ahead by a sine, order per output turn",
@@ -277,12 +278,14 @@ const std::vector<EffectKind> &kinds()
         {"dead_time", "N m", "torque missing near zero current", {{"width", 10}}, dead_time},
         {"current_ripple", "share", "motor torque rippling in proportion, order per motor turn",
          {{"motor_order", 8}}, current_ripple},
-        {"cogging", "N m", "a torque line of some order per motor turn", {{"motor_order", 24}, {"phase", 0.7}},
+        {"cogging", "N m", "a torque line of some order per motor turn",
+         {{"motor_order", 24}, {"phase", 0.7}},
          cogging},
         {"load_friction", "N m/N m", "friction growing with the gear's load", {}, number(&J::fx_load_mu)},
         {"drive_efficiency", "N m/N m", "the same, only while the motor drives the load", {},
          number(&J::fx_drive_mu)},
-        {"viscous_nonlinear", "N m s^2/rad^2", "friction times v |v|", {}, number(&J::fx_quadratic_nms2prad2)},
+        {"viscous_nonlinear", "N m s^2/rad^2", "friction times v |v|", {},
+         number(&J::fx_quadratic_nms2prad2)},
         {"stribeck_shape", "N m", "more friction at low speed, falling over this speed", {{"speed", 0.03}},
          number(&J::fx_slow_nm, &J::fx_slow_radps, "speed")},
         {"temperature", "share", "cold start: Coulomb and viscous friction higher by this share",
@@ -295,12 +298,15 @@ const std::vector<EffectKind> &kinds()
         {"brake_drag", "N m", "a brake that does not quite let go", {}, number(&J::fx_drag_nm)},
         {"order_line", "N m", "a torque line of some order per output turn",
          {{"order", 37}, {"phase", 0.7}, {"directed", 0}}, order_line},
-        {"ripple_load", "N m/N m", "a torque line growing with the gear's load", {{"order", 100}, {"phase", 0.7}},
+        {"ripple_load", "N m/N m", "a torque line growing with the gear's load",
+         {{"order", 100}, {"phase", 0.7}},
          ripple_load},
         {"ripple_speed", "N m s/rad", "a torque line growing with speed", {{"order", 100}, {"phase", 0.7}},
          ripple_speed},
-        {"cage_slip", "N m", "a torque line of an odd order, another phase each run", {{"order", 21.37}}, cage_slip},
-        {"inertia", "kg m^2", "extra inertia on the rotor, referred to the output", {}, number(&J::fx_inertia_kgm2)},
+        {"cage_slip", "N m", "a torque line of an odd order, another phase each run", {{"order", 21.37}},
+         cage_slip},
+        {"inertia", "kg m^2", "extra inertia on the rotor, referred to the output", {},
+         number(&J::fx_inertia_kgm2)},
         {"external_vibration", "N m", "the base shaken from outside", {{"hz", 7.3}},
          number(&J::fx_vibration_nm, &J::fx_vibration_hz, "hz")},
         {"soft_windup", "N m", "the mesh loses more while it is driven forward", {}, soft_windup},
@@ -311,7 +317,8 @@ const std::vector<EffectKind> &kinds()
          number(&J::run_coulomb_sigma_nm)},
         {"wander", "N m", "friction wandering slowly, sigma", {{"time", 10}},
          number(&J::wander_sigma_nm, &J::wander_s, "time")},
-        {"stale_samples", "share", "share of readings that repeat the one before", {}, number(&J::fx_stale_share)},
+        {"stale_samples", "share", "share of readings that repeat the one before", {},
+         number(&J::fx_stale_share)},
     };
     return menu;
 }
@@ -380,13 +387,16 @@ void schedule_difference(plant_model &plant, const plant_model &after, const Hid
     auto differs = [&](std::size_t at, std::size_t count) {
         for (std::size_t k = 0; k < count; k++) {
             double was = 0, is = 0;
-            std::copy_n(reinterpret_cast<const char *>(&plant) + at + 8 * k, 8, reinterpret_cast<char *>(&was));
-            std::copy_n(reinterpret_cast<const char *>(&after) + at + 8 * k, 8, reinterpret_cast<char *>(&is));
+            std::copy_n(reinterpret_cast<const char *>(&plant) + at + 8 * k, 8,
+                        reinterpret_cast<char *>(&was));
+            std::copy_n(reinterpret_cast<const char *>(&after) + at + 8 * k, 8,
+                        reinterpret_cast<char *>(&is));
             if (was == is)
                 continue;
             HiddenEffect part = e;
             part.size = is - was;
-            schedule(plant, part, {reinterpret_cast<double *>(reinterpret_cast<char *>(&plant) + at + 8 * k)});
+            char *where = reinterpret_cast<char *>(&plant) + at + 8 * k;
+            schedule(plant, part, {reinterpret_cast<double *>(where)});
         }
     };
     differs(offsetof(plant_model, gravity_mps2), 7); // and payload_kg, payload_com_m behind it
@@ -429,7 +439,8 @@ HiddenEffect parse_effect(const std::string &text)
     if (at != std::string::npos) {
         double joint = parse_number(size.substr(at + 1), e.name + " joint");
         if (joint < 1 || joint > PLANT_JOINTS_MAX || joint != std::floor(joint))
-            throw InputError("--effect " + e.name + ": expected a joint from 1, found \"" + size.substr(at + 1) + "\"");
+            throw InputError("--effect " + e.name + ": expected a joint from 1, found \"" +
+                             size.substr(at + 1) + "\"");
         e.joint = static_cast<int>(joint);
         size.resize(at);
     }
@@ -442,7 +453,8 @@ HiddenEffect parse_effect(const std::string &text)
 void hide(plant_model &plant, const hdt_arm &arm, const HiddenEffect &effect)
 {
     if (effect.joint > plant.joints)
-        refuse(effect, "joint " + std::to_string(effect.joint) + " of an arm with " + std::to_string(plant.joints));
+        refuse(effect, "joint " + std::to_string(effect.joint) + " of an arm with " +
+               std::to_string(plant.joints));
     const bool timed = !std::isnan(option(effect, "from")) || !std::isnan(option(effect, "to"));
     const Apply &apply = kind_of(effect.name).apply;
     plant_model after = plant;

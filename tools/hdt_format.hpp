@@ -35,7 +35,8 @@ inline std::array<uint16_t, DRV_AXES> rated_mnm(const hdt_arm &arm, const std::s
     for (int j = 0; j < arm.joints && j < DRV_AXES; j++) {
         double mnm = std::round(arm.joint[j].tau_rated_m_nm * 1000);
         if (!(mnm >= 1 && mnm <= 65535))
-            throw InputError(file + ": joint." + std::to_string(j + 1) + ".motor.torque_rated: Format B counts torque " +
+            throw InputError(file + ": joint." + std::to_string(j + 1) +
+                             ".motor.torque_rated: Format B counts torque " +
                              "in it: expected 0.001 to 65.535 N m");
         rated[static_cast<size_t>(j)] = static_cast<uint16_t>(mnm);
     }

@@ -43,8 +43,8 @@ drv_rt_cfg rt_options(const HostOptions &o, uint32_t period_ns)
         throw InputError("--overrun: expected count, hold or stop, found " + o.overrun);
     cfg.overrun_limit = o.overrun_limit;
     if (o.follow_us * 1000 >= period_ns)
-        throw InputError("--follow-bus: expected less than the period of " + std::to_string(period_ns / 1000) +
-                         " us, found " + std::to_string(o.follow_us));
+        throw InputError("--follow-bus: expected less than the period of " +
+                         std::to_string(period_ns / 1000) + " us, found " + std::to_string(o.follow_us));
     cfg.follow_lead_ns = static_cast<uint32_t>(o.follow_us * 1000);
     return cfg;
 }
@@ -52,8 +52,10 @@ drv_rt_cfg rt_options(const HostOptions &o, uint32_t period_ns)
 void say_quantiles(const char *name, const drv_hist &h)
 {
     std::printf("%-8s p50 %8.1f us   p99 %8.1f us   p99.9 %8.1f us   worst %8.1f us\n", name,
-                static_cast<double>(drv_hist_quantile(&h, 0.5)) * 1e-3, static_cast<double>(drv_hist_quantile(&h, 0.99)) * 1e-3,
-                static_cast<double>(drv_hist_quantile(&h, 0.999)) * 1e-3, static_cast<double>(h.max_ns) * 1e-3);
+                static_cast<double>(drv_hist_quantile(&h, 0.5)) * 1e-3,
+                static_cast<double>(drv_hist_quantile(&h, 0.99)) * 1e-3,
+                static_cast<double>(drv_hist_quantile(&h, 0.999)) * 1e-3,
+                static_cast<double>(h.max_ns) * 1e-3);
 }
 
 // Both histograms by octave, side by side, from the first octave with something in it to the last.
@@ -74,7 +76,8 @@ void say_histogram(const drv_timing &t)
     std::printf("%14s %10s %10s\n", "below, us", "wake-up", "work");
     for (unsigned octave = first; octave <= last && first < octaves; octave++)
         std::printf("%14.1f %10llu %10llu\n", static_cast<double>(uint64_t{1024} << octave) * 1e-3,
-                    static_cast<unsigned long long>(wake[octave]), static_cast<unsigned long long>(work[octave]));
+                    static_cast<unsigned long long>(wake[octave]),
+                    static_cast<unsigned long long>(work[octave]));
 }
 
 void say_end(const drv_host &host, const drv_timing &t, uint32_t period_ns)
@@ -83,13 +86,15 @@ void say_end(const drv_host &host, const drv_timing &t, uint32_t period_ns)
     auto n = [](uint64_t value) { return static_cast<unsigned long long>(value); };
     std::printf("%llu periods of %.4f ms, %llu missed; replies %llu, lost %llu, bad %llu, not awaited %llu; "
                 "sends refused %llu, bus down %llu; log dropped %llu\n",
-                n(c.periods), period_ns * 1e-6, n(t.missed), n(c.received), n(c.lost), n(c.bad_frames), n(c.wrong_seq),
-                n(c.send_dropped), n(c.bus_down), n(c.log_dropped));
+                n(c.periods), period_ns * 1e-6, n(t.missed), n(c.received), n(c.lost), n(c.bad_frames),
+                n(c.wrong_seq), n(c.send_dropped), n(c.bus_down), n(c.log_dropped));
     if (t.unheard != 0)
         std::printf("%llu periods by the own clock: nothing was heard from the bus\n", n(t.unheard));
-    const double mean_ns = static_cast<double>(host.t_us - host.t0_us) * 1e3 / static_cast<double>(c.periods + t.missed);
+    const double mean_ns = static_cast<double>(host.t_us - host.t0_us) * 1e3 /
+                           static_cast<double>(c.periods + t.missed);
     if (c.periods > 100 && std::fabs(mean_ns / period_ns - 1) > 0.01)
-        std::printf("periods were %.4f ms on average: the tables are made for %.4f ms (control.rate in the model file)\n",
+        std::printf("periods were %.4f ms on average: the tables are made for %.4f ms (control.rate in the "
+                    "model file)\n",
                     mean_ns * 1e-6, period_ns * 1e-6);
     say_quantiles("wake-up", t.wake);
     say_quantiles("work", t.work);
@@ -100,7 +105,8 @@ void say_end(const drv_host &host, const drv_timing &t, uint32_t period_ns)
 void obey(drv_host &host, const std::string &line)
 {
     static const struct { const char *word; drv_host_request ask; } words[] = {
-        {"go", DRV_HOST_ASK_GO}, {"hold", DRV_HOST_ASK_HOLD}, {"clear", DRV_HOST_ASK_CLEAR}, {"stop", DRV_HOST_ASK_STOP}};
+        {"go", DRV_HOST_ASK_GO}, {"hold", DRV_HOST_ASK_HOLD},
+        {"clear", DRV_HOST_ASK_CLEAR}, {"stop", DRV_HOST_ASK_STOP}};
     for (const auto &w : words)
         if (line == w.word)
             return drv_host_ask(&host, w.ask);
@@ -112,9 +118,12 @@ void obey(drv_host &host, const std::string &line)
 class Desk {
 public:
     // telemetry may be null
-    Desk(drv_host &host, drv_ring &ring, drv_rt_mailbox &box, drv_writer *writer, Telemetry *telemetry, bool operated)
+    Desk(drv_host &host, drv_ring &ring, drv_rt_mailbox &box, drv_writer *writer, Telemetry *telemetry,
+         bool operated)
         : host_(host), ring_(ring), box_(box), writer_(writer), telemetry_(telemetry), operated_(operated),
-          hears_(operated) {}
+          hears_(operated)
+    {
+    }
 
     // Until the control thread has ended; false: the log failed.
     bool serve(const std::atomic<bool> &running)
@@ -250,7 +259,8 @@ int run(const HostOptions &o)
     auto rt = std::make_unique<drv_rt>();
     hdt_clock clock = hdt_clock_posix();
     const unsigned mail_every = 50000000u / tables.period_ns + 1; // some 20 a second
-    (void)drv_rt_init(rt.get(), &rt_cfg, &clock, tables.period_ns, box.get(), mail_every); // rt_options has checked
+    // rt_options has checked
+    (void)drv_rt_init(rt.get(), &rt_cfg, &clock, tables.period_ns, box.get(), mail_every);
     std::unique_ptr<Telemetry> telemetry;
     if (o.publishes)
         telemetry = std::make_unique<Telemetry>(o.telemetry, tables, run_of(tables, model), o.telemetry_hz);
@@ -284,22 +294,30 @@ void add_host(CLI::App &app, int &code)
     sub->add_option("--bus", o->bus, "unix:PATH, can:IFACE, isotp:IFACE or arcnet:IFACE")->required();
     sub->add_option("--task", o->task, "reference motion")->capture_default_str();
     sub->add_option("--mode", o->mode, "torque or velocity")->capture_default_str();
-    sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")->capture_default_str();
+    sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")
+        ->capture_default_str();
     sub->add_option("--out", o->out, "log to write: .csv or .lcm")->required();
     sub->add_option("--dump", o->dump, "when a fault latches, the last periods before it, .lcm, to replay");
     sub->add_flag("--terms", o->terms, "also log every term's torque");
-    sub->add_flag("--operator", o->operated, "wait for go, hold, clear, stop on standard input; its end is a stop");
+    sub->add_flag("--operator", o->operated,
+                  "wait for go, hold, clear, stop on standard input; its end is a stop");
     sub->add_option("--priority", o->priority, "SCHED_FIFO priority of the control thread; 0: none")
         ->capture_default_str()->check(CLI::Range(0, 99));
-    sub->add_option("--cpu", o->cpu, "processor the control thread stays on, from 0 (default: any)")->check(CLI::Range(0, 1023));
-    sub->add_option("--overrun", o->overrun, "too many periods missed within a second: count, hold or stop")->capture_default_str();
-    sub->add_option("--overrun-limit", o->overrun_limit, "periods missed within a second that are let pass")->capture_default_str();
+    sub->add_option("--cpu", o->cpu, "processor the control thread stays on, from 0 (default: any)")
+        ->check(CLI::Range(0, 1023));
+    sub->add_option("--overrun", o->overrun, "too many periods missed within a second: count, hold or stop")
+        ->capture_default_str();
+    sub->add_option("--overrun-limit", o->overrun_limit, "periods missed within a second that are let pass")
+        ->capture_default_str();
     sub->add_option("--follow-bus", o->follow_us,
-                    "the bus is the clock: a period starts its length less so many us after the servo was heard")
+                    "the bus is the clock: a period starts its length less so many us after the servo was "
+                    "heard")
         ->check(CLI::Range(1.0, 1e6));
     CLI::Option *telemetry =
-        sub->add_option("--telemetry", o->telemetry, "publish over LCM, for hdt top, lcm-spy, lcm-logger; address: udpm:, file:, memq:\n"
-                        "(default: LCM_DEFAULT_URL, or LCM's own)")->expected(0, 1);
+        sub->add_option("--telemetry", o->telemetry,
+                        "publish over LCM, for hdt top, lcm-spy, lcm-logger; address: udpm:, file:, memq:\n"
+                        "(default: LCM_DEFAULT_URL, or LCM's own)")
+            ->expected(0, 1);
     sub->add_option("--telemetry-rate", o->telemetry_hz, "periods published a second, at most")
         ->capture_default_str()->check(CLI::Range(0.1, 10000.0));
     sub->callback([o, telemetry, &code] {

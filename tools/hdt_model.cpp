@@ -86,8 +86,8 @@ int run_diagnose(const FitOptions &o)
     for (const JointDiagnosis &j : d.joints)
         std::printf("%5d  %-8s %6.3f %7.3f %7.3f       %s\n", j.joint, j.verdict.c_str(), j.noise_floor_nm,
                     j.rms_before_nm, j.rms_after_nm, j.words.c_str());
-    std::printf("diagnosis: %s/diagnosis.json   model: %s/model.toml   report: %s/report.html\n", o.out.c_str(),
-                o.out.c_str(), o.out.c_str());
+    std::printf("diagnosis: %s/diagnosis.json   model: %s/model.toml   report: %s/report.html\n",
+                o.out.c_str(), o.out.c_str(), o.out.c_str());
     return Ok;
 }
 
@@ -107,10 +107,10 @@ int run_gen(const std::string &path, const std::string &out)
     make_directory(out);
     write_file(out + "/" + stem + ".hdtm", image);
     write_file(out + "/hdt_tables_" + stem + ".c", tables_c_source(tables, stem));
-    std::printf("%s/%s.hdtm and %s/hdt_tables_%s.c, layout %u\n", out.c_str(), stem.c_str(), out.c_str(), stem.c_str(),
-                HDT_TABLES_LAYOUT);
-    std::printf("worst quantisation error, N.m output side: gravity %.2g, friction (knots against eq. 7) %.2g, "
-                "ripple %.2g, lines %.2g, curves %.2g\n",
+    std::printf("%s/%s.hdtm and %s/hdt_tables_%s.c, layout %u\n", out.c_str(), stem.c_str(), out.c_str(),
+                stem.c_str(), HDT_TABLES_LAYOUT);
+    std::printf("worst quantisation error, N.m output side: gravity %.2g, friction (knots against eq. 7) "
+                "%.2g, ripple %.2g, lines %.2g, curves %.2g\n",
                 report.gravity_nm, report.friction_nm, report.ripple_nm, report.lines_nm, report.curves_nm);
     return Ok;
 }
@@ -133,7 +133,8 @@ void add_ident(CLI::App &app, int &code)
 void add_diagnose(CLI::App &app, int &code)
 {
     auto o = std::make_shared<FitOptions>();
-    CLI::App *sub = app.add_subcommand("diagnose", "find the effect the model lacks, add it, report before and after");
+    CLI::App *sub = app.add_subcommand("diagnose",
+                                       "find the effect the model lacks, add it, report before and after");
     sub->add_option("--model", o->model, "model file, identified")->required();
     sub->add_option("--fit", o->fit, "logs to look at")->required();
     sub->add_option("--test", o->test, "logs held out for the before and after")->required();

@@ -163,7 +163,8 @@ FrictionModelFit fit_stribeck(const std::vector<SpeedPoint> &points)
     const auto left = [&search](double log_vc) { return search.left(log_vc); };
     constexpr int grid = 24;
     // what bends well below the slowest or above the fastest speed cannot be told from a straight line
-    const double low = std::log(v.minCoeff() / 2), high = std::log(2 * v.maxCoeff()), step = (high - low) / grid;
+    const double low = std::log(v.minCoeff() / 2), high = std::log(2 * v.maxCoeff());
+    const double step = (high - low) / grid;
     double best = low, least = left(low);
     for (int k = 1; k <= grid; k++)
         if (const double here = left(low + step * k); here < least) {

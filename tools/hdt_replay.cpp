@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "driver/drv_log.h"
+#include "model/text.hpp"
 #include "tools/hdt_cli.hpp"
 #include "tools/hdt_rig.hpp"
 
@@ -26,20 +27,10 @@ Reader open(const std::string &log)
         throw InputError(error);
     const drv_run *head = drv_reader_run(reader.get());
     if (head->table_layout != HDT_TABLES_LAYOUT)
-        throw InputError(log + ": logged with table layout " + std::to_string(head->table_layout) + ", this core has " +
-                         std::to_string(HDT_TABLES_LAYOUT) + ": replay it with the program that logged it");
+        throw InputError(log + ": logged with table layout " + std::to_string(head->table_layout) +
+                         ", this core has " + std::to_string(HDT_TABLES_LAYOUT) +
+                         ": replay it with the program that logged it");
     return reader;
-}
-
-std::string hex(const uint8_t *bytes, size_t count)
-{
-    std::string text;
-    char two[3];
-    for (size_t i = 0; i < count; i++) {
-        std::snprintf(two, sizeof two, "%02x", bytes[i]);
-        text += two;
-    }
-    return text;
 }
 
 // The image, for comparison: it has no padding.
@@ -59,11 +50,11 @@ hdt_tables tables_for(const std::string &log, const drv_reader *reader, const st
     if (e != HDT_TABLES_OK && e != DRV_LOG_NONE)
         throw InputError(log + ": the tables in it: " + hdt_tables_strerror(e));
     if (e == DRV_LOG_NONE && model.empty())
-        throw InputError(log + ": has no tables in it (logged by a version before 0.2): name the model file the host "
-                               "had with --model");
+        throw InputError(log + ": has no tables in it (logged by a version before 0.2): name the model file "
+                               "the host had with --model");
     if (e == HDT_TABLES_OK && std::memcmp(head->digest, tables.digest, sizeof tables.digest) != 0)
-        throw InputError(log + ": its head and the tables in it are of two model files (digests differ): the log was "
-                               "put together or is damaged");
+        throw InputError(log + ": its head and the tables in it are of two model files (digests differ): the "
+                               "log was put together or is damaged");
     if (model.empty())
         return tables;
 
@@ -73,8 +64,9 @@ hdt_tables tables_for(const std::string &log, const drv_reader *reader, const st
                          hex(head->digest, 8) + "... in the log, " + hex(ours.digest, 8) +
                          "... of the file); replay with the file the host had, or without --model");
     if (e == HDT_TABLES_OK && image_of(tables) != image_of(ours))
-        throw InputError(log + ": the model file is the one the host had, but its tables are not those in the log (made "
-                               "by another version, or with a payload declared for the run); replay without --model");
+        throw InputError(log + ": the model file is the one the host had, but its tables are not those in "
+                               "the log (made by another version, or with a payload declared for the run); "
+                               "replay without --model");
     return ours;
 }
 
@@ -91,7 +83,8 @@ std::optional<Difference> compare(const hdt_out &log, const hdt_out &now, uint32
             return Difference{"v_q24" + of_joint, log.v[j].raw, now.v[j].raw};
         for (int k = 0; k < HDT_TERMS; k++)
             if (log.term[k][j].raw != now.term[k][j].raw)
-                return Difference{hdt_term_str(k) + ("_q16" + of_joint), log.term[k][j].raw, now.term[k][j].raw};
+                return Difference{hdt_term_str(k) + ("_q16" + of_joint), log.term[k][j].raw,
+                                  now.term[k][j].raw};
         if (log.total[j].raw != now.total[j].raw)
             return Difference{"total_q16" + of_joint, log.total[j].raw, now.total[j].raw};
         if (log.limit[j] != now.limit[j])
@@ -114,10 +107,11 @@ bool cleared(const hdt_out &before, const hdt_out &now)
     return (before.fault & ~now.fault) != 0 || (before.fault_joints & ~now.fault_joints) != 0;
 }
 
-void say_first(const Difference &d, unsigned long long period, uint64_t t_us, uint64_t step_us, uint32_t period_ns)
+void say_first(const Difference &d, unsigned long long period, uint64_t t_us, uint64_t step_us,
+               uint32_t period_ns)
 {
-    std::printf("first difference at period %llu, t = %llu us: %s is %lld in the log, %lld in the replay\n", period,
-                static_cast<unsigned long long>(t_us), d.field.c_str(), d.logged, d.replayed);
+    std::printf("first difference at period %llu, t = %llu us: %s is %lld in the log, %lld in the replay\n",
+                period, static_cast<unsigned long long>(t_us), d.field.c_str(), d.logged, d.replayed);
     if (step_us * 2000 > 3 * static_cast<uint64_t>(period_ns))
         std::printf("the log goes on by %llu us here: periods were skipped, or their records dropped\n",
                     static_cast<unsigned long long>(step_us));
@@ -130,8 +124,9 @@ int run(const std::string &log, const std::string &model)
     auto core = std::make_unique<hdt_t>();
     const int e = drv_reader_start(reader.get(), &tables, core.get());
     if (e == DRV_LOG_OTHER_BUILD)
-        throw InputError(log + ": begins within a run, from the memory of a core of another version or processor; "
-                               "replay it with the program of the host that wrote it");
+        throw InputError(log +
+                         ": begins within a run, from the memory of a core of another version or processor; "
+                         "replay it with the program of the host that wrote it");
     if (e != HDT_OK)
         throw InputError(log + ": the core does not accept its tables: " + hdt_strerror(e));
 
@@ -150,7 +145,8 @@ int run(const std::string &log, const std::string &model)
         }
         const int error = hdt_step(core.get(), &record->in, out.get());
         if (error != HDT_OK)
-            throw InputError(log + ": period " + std::to_string(periods) + ", t = " + std::to_string(record->in.t_us) +
+            throw InputError(log + ": period " + std::to_string(periods) +
+                             ", t = " + std::to_string(record->in.t_us) +
                              " us: the core refuses its input: " + hdt_strerror(error));
         const auto difference = compare(record->out, *out, tables.joints);
         if (difference && different++ == 0)
@@ -160,8 +156,9 @@ int run(const std::string &log, const std::string &model)
         t_us = record->in.t_us;
     }
     if (got < 0)
-        throw InputError(drv_reader_error(reader.get()) + (" (" + std::to_string(periods) + " periods replayed, " +
-                         std::to_string(different) + " differ)"));
+        throw InputError(drv_reader_error(reader.get()) +
+                         (" (" + std::to_string(periods) + " periods replayed, " + std::to_string(different) +
+                          " differ)"));
     if (periods == 0)
         throw InputError(log + ": has no period in it: nothing to replay");
     std::printf("%llu periods replayed, %llu differ", periods, different);
@@ -176,9 +173,11 @@ int run(const std::string &log, const std::string &model)
 void add_replay(CLI::App &app, int &code)
 {
     auto log = std::make_shared<std::string>(), model = std::make_shared<std::string>();
-    CLI::App *sub = app.add_subcommand("replay", "feed an event log or a fault's dump to the core again, compare bit for bit");
+    CLI::App *sub = app.add_subcommand("replay", "feed an event log or a fault's dump to the core again, "
+                                                 "compare bit for bit");
     sub->add_option("log", *log, "event log, .lcm")->required();
-    sub->add_option("--model", *model, "insist that this is the model file the host had; needed only for logs without tables");
+    sub->add_option("--model", *model,
+                    "insist that this is the model file the host had; needed only for logs without tables");
     sub->callback([log, model, &code] { code = run(*log, *model); });
 }
 

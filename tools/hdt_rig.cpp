@@ -82,9 +82,11 @@ void fill_joint(plant_joint &p, const hdt_arm_joint &a)
     // 15 % of critical against the rotor alone, which leaves the link's own mode 5 to 10 %
     p.damping_nmspr = 0.3 * std::sqrt(p.k_nmprad[0] * p.rotor_kgm2_m * p.ratio * p.ratio);
     for (int d = 0; d < 2; d++)
-        p.friction[d] = {a.friction[d].f0_nm, a.friction[d].fv_nmspr, a.friction[d].fs_nm, a.friction[d].vc_radps};
+        p.friction[d] = {a.friction[d].f0_nm, a.friction[d].fv_nmspr, a.friction[d].fs_nm,
+                         a.friction[d].vc_radps};
     for (int i = 0; i < a.ripples && p.lines < PLANT_LINES_MAX; i++)
-        p.line[p.lines++] = {a.ripple[i].order_rev, a.ripple[i].amplitude_nm, a.ripple[i].phase_rad, 1, 0, 0, 0};
+        p.line[p.lines++] =
+            {a.ripple[i].order_rev, a.ripple[i].amplitude_nm, a.ripple[i].phase_rad, 1, 0, 0, 0};
     // 1 % of Coulomb friction from run to run and as slow wander; a thousandth of rated torque as noise
     p.run_coulomb_sigma_nm = 0.01 * a.friction[0].f0_nm;
     p.wander_sigma_nm = 0.0075 * a.friction[0].f0_nm;
@@ -104,8 +106,8 @@ plant_model plant_from_arm(const hdt_arm &arm, uint64_t individual)
         const hdt_arm_joint &a = arm.joint[j];
         if (!a.has_inertial || !a.has_gear || !a.has_friction || a.rotor_kgm2_m <= 0)
             throw InputError(std::string(arm.path) + ": joint." + std::to_string(j + 1) +
-                             ": a plant needs link masses, gear stiffness, friction and rotor inertia; this file lacks "
-                             "some (a measured arm can be diagnosed but not simulated)");
+                             ": a plant needs link masses, gear stiffness, friction and rotor inertia; this "
+                             "file lacks some (a measured arm can be diagnosed but not simulated)");
         fill_joint(plant.joint[j], a);
         fill_mesh(plant.joint[j], a, arm.path, j + 1);
         if (individual != 0)
@@ -138,7 +140,8 @@ hdt_tables tables_of(const hdt_arm &arm)
 }
 
 FixedReference::FixedReference(const Reference &r)
-    : samples_(static_cast<unsigned>(r.q_rad.rows())), joints_(static_cast<unsigned>(r.q_rad.cols())), active_(r.active)
+    : samples_(static_cast<unsigned>(r.q_rad.rows())), joints_(static_cast<unsigned>(r.q_rad.cols())),
+      active_(r.active)
 {
     constexpr double q24 = 16777216.0, q16 = 65536.0;
     for (Eigen::Index k = 0; k < r.q_rad.rows(); k++)
@@ -206,7 +209,8 @@ FaultDump::FaultDump(std::string path, drv_cycle *cycle) : path_(std::move(path)
     cycle->dump = dump_.get();
 }
 
-void FaultDump::write(const hdt_tables &tables, const hdt_arm &arm, const std::vector<std::string> &head) const
+void FaultDump::write(const hdt_tables &tables, const hdt_arm &arm,
+                      const std::vector<std::string> &head) const
 {
     if (!dump_ || !dump_->full)
         return;
@@ -215,7 +219,8 @@ void FaultDump::write(const hdt_tables &tables, const hdt_arm &arm, const std::v
     char error[512];
     if (drv_dump_write(dump_.get(), path_.c_str(), &cfg, error, sizeof error) != 0)
         throw InputError(error);
-    std::fprintf(stderr, "the periods before the fault are in %s; hdt replay %s\n", path_.c_str(), path_.c_str());
+    std::fprintf(stderr, "the periods before the fault are in %s; hdt replay %s\n", path_.c_str(),
+                 path_.c_str());
 }
 
 void go_real_time(const char *who, int priority)

@@ -50,12 +50,14 @@ int serve(servo &driver, hdt_bus &bus, const ServoOptions &o)
         uint64_t other_before = driver.s.other_format;
         servo_serve(&driver, &bus);
         if (other_before == 0 && driver.s.other_format != 0)
-            std::fprintf(stderr, "hdt servo: a telegram of Format %s was refused: this servo speaks Format %s; give host and "
-                                 "servo the same --format\n", o.format == "A" ? "B" : "A", o.format.c_str());
+            std::fprintf(stderr,
+                         "hdt servo: a telegram of Format %s was refused: this servo speaks Format %s; give "
+                         "host and servo the same --format\n",
+                         o.format == "A" ? "B" : "A", o.format.c_str());
     }
     std::fprintf(stderr, "hdt servo: %llu telegrams answered, %llu refused, %llu ticks skipped\n",
-                 static_cast<unsigned long long>(driver.s.answered), static_cast<unsigned long long>(driver.s.refused),
-                 static_cast<unsigned long long>(skipped));
+                 static_cast<unsigned long long>(driver.s.answered),
+                 static_cast<unsigned long long>(driver.s.refused), static_cast<unsigned long long>(skipped));
     return Ok;
 }
 
@@ -102,14 +104,20 @@ void add_servo(CLI::App &app, int &code)
     sub->add_option("--arm", o->arm, "model file of the arm that is simulated")->required();
     sub->add_option("--bus", o->bus, "unix:PATH, can:IFACE, isotp:IFACE or arcnet:IFACE")->required();
     sub->add_option("--task", o->task, "stand where this task starts (default: all joints at zero)");
-    sub->add_option("--effect", o->effects, "hide an effect in the plant: NAME=SIZE[@JOINT][:key=value,...]\n" + rig::effect_menu());
+    sub->add_option("--effect", o->effects,
+                    "hide an effect in the plant: NAME=SIZE[@JOINT][:key=value,...]\n" + rig::effect_menu());
     sub->add_option("--effect-file", o->effect_file, "hide the effects in this file, one a line");
     sub->add_option("--seed", o->seed, "noise and scatter")->capture_default_str();
-    sub->add_option("--individual", o->individual, "which specimen of the arm; 0 has the file's friction exactly")->capture_default_str();
-    sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")->capture_default_str();
-    sub->add_option("--watchdog", o->watchdog_s, "s without a command until all brakes are on (default: 0.4 in A, 0.01 in B)")
+    sub->add_option("--individual", o->individual,
+                    "which specimen of the arm; 0 has the file's friction exactly")
+        ->capture_default_str();
+    sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")
+        ->capture_default_str();
+    sub->add_option("--watchdog", o->watchdog_s,
+                    "s without a command until all brakes are on (default: 0.4 in A, 0.01 in B)")
         ->check(CLI::Range(0.001, 3600.0));
-    sub->add_option("--emergency-stop", o->emergency_s, "press the emergency stop after so many s")->check(CLI::Range(0.001, 1e6));
+    sub->add_option("--emergency-stop", o->emergency_s, "press the emergency stop after so many s")
+        ->check(CLI::Range(0.001, 1e6));
     sub->add_option("--seconds", o->seconds, "stop after this long (default: at Ctrl-C)");
     sub->callback([o, &code] { code = run(*o); });
 }

@@ -25,7 +25,8 @@ struct SimOptions {
 // What the run is about, for the head of its log.
 std::vector<std::string> log_head(const SimOptions &o)
 {
-    std::vector<std::string> head = {"task = " + o.task, "mode = " + o.mode, "seed = " + std::to_string(o.seed)};
+    std::vector<std::string> head = {"task = " + o.task, "mode = " + o.mode,
+                                     "seed = " + std::to_string(o.seed)};
     if (o.payload_kg != 0) {
         head.push_back("payload_kg = " + std::to_string(o.payload_kg));
         head.push_back("payload_com_m = 0 0 0.05");
@@ -112,18 +113,25 @@ void add_sim(CLI::App &app, int &code)
     CLI::App *sub = app.add_subcommand("sim", "run the rig in virtual time and write a log");
     sub->add_option("--arm", o->arm, "model file of the arm that is simulated")->required();
     sub->add_option("--model", o->model, "model file the host uses (default: the arm's)");
-    sub->add_option("--task", o->task, "reference motion, e.g. lemniscate, excite:seed=3,seconds=40")->capture_default_str();
+    sub->add_option("--task", o->task, "reference motion, e.g. lemniscate, excite:seed=3,seconds=40")
+        ->capture_default_str();
     sub->add_option("--mode", o->mode, "torque or velocity")->capture_default_str();
     sub->add_option("--out", o->out, "log to write: .csv or .lcm")->required();
     sub->add_option("--dump", o->dump, "when a fault latches, the last periods before it, .lcm, to replay");
-    sub->add_option("--effect", o->effects, "hide an effect in the plant: NAME=SIZE[@JOINT][:key=value,...]\n" + rig::effect_menu());
+    sub->add_option("--effect", o->effects,
+                    "hide an effect in the plant: NAME=SIZE[@JOINT][:key=value,...]\n" + rig::effect_menu());
     sub->add_option("--effect-file", o->effect_file, "hide the effects in this file, one a line");
     sub->add_option("--seed", o->seed, "this run's noise and scatter")->capture_default_str();
-    sub->add_option("--individual", o->individual, "which specimen of the arm; 0 has the file's friction exactly")->capture_default_str();
+    sub->add_option("--individual", o->individual,
+                    "which specimen of the arm; 0 has the file's friction exactly")
+        ->capture_default_str();
     sub->add_option("--payload", o->payload_kg, "known payload, kg, at the flange; declared in the log");
-    sub->add_option("--arcnet", o->arcnet_mbps, "telegrams take the time of an ARCNET at this rate, Mbit/s (10, 5, 2.5, ...); 0: none");
-    sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")->capture_default_str();
-    sub->add_option("--integrator", o->integrator, "verlet (fast) or rk4 (the reference, 7 times slower)")->capture_default_str();
+    sub->add_option("--arcnet", o->arcnet_mbps,
+                    "telegrams take the time of an ARCNET at this rate, Mbit/s (10, 5, 2.5, ...); 0: none");
+    sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")
+        ->capture_default_str();
+    sub->add_option("--integrator", o->integrator, "verlet (fast) or rk4 (the reference, 7 times slower)")
+        ->capture_default_str();
     sub->add_flag("--terms", o->terms, "also log every term's torque");
     sub->callback([o, &code] { code = run(*o); });
 }

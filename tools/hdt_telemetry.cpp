@@ -20,8 +20,9 @@ lcm_t *open_lcm(const std::string &url)
     const char *env = std::getenv("LCM_DEFAULT_URL");
     std::string which = !url.empty() ? url : env != nullptr ? env : "udpm://239.255.76.67:7667";
     throw InputError("LCM cannot be opened at " + which +
-                     ": expected udpm://ADDRESS:PORT?ttl=N, file://PATH?mode=w or memq://; without a network, multicast "
-                     "on one machine needs (as root) `ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo`");
+                     ": expected udpm://ADDRESS:PORT?ttl=N, file://PATH?mode=w or memq://; without a "
+                     "network, multicast on one machine needs (as root) `ip link set lo multicast on; "
+                     "ip route add 224.0.0.0/4 dev lo`");
 }
 
 Telemetry::Telemetry(const std::string &url, const hdt_tables &tables, const drv_run &run, double cycles_hz)
@@ -53,7 +54,8 @@ void Telemetry::cycle(const drv_record &record)
         return;
     // on the grid of the rate, so that it is held on average
     next_us_ = next_us_ + every_us_ > t_us ? next_us_ + every_us_ : t_us + every_us_;
-    publish(DRV_LCM_CHANNEL_CYCLE, bytes.data(), drv_lcm_put_record(&record, tables_.joints, bytes.data(), bytes.size()));
+    publish(DRV_LCM_CHANNEL_CYCLE, bytes.data(),
+            drv_lcm_put_record(&record, tables_.joints, bytes.data(), bytes.size()));
 }
 
 void Telemetry::status(const drv_rt_mail &mail)

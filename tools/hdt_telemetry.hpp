@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// A running loop, published over LCM: hdt.run_t, hdt.cycle_t and hdt.status_t on HDT_RUN, HDT_CYCLE, HDT_STATUS.
+// A running loop, published over LCM: hdt.run_t, hdt.cycle_t and
+// hdt.status_t on HDT_RUN, HDT_CYCLE, HDT_STATUS.
 //
 // Owns: the LCM connection and the rates.
 // Never: runs in the control thread.

@@ -45,7 +45,8 @@ void on_status(const lcm_recv_buf_t *buffer, const char *, void *user)
         return;
     }
     if (v.has_status && s.t_us > v.status.t_us)
-        v.rate_hz = 1e6 * static_cast<double>(s.periods - v.status.periods) / static_cast<double>(s.t_us - v.status.t_us);
+        v.rate_hz = 1e6 * static_cast<double>(s.periods - v.status.periods) /
+                    static_cast<double>(s.t_us - v.status.t_us);
     v.arm = s.arm;
     v.phase = s.phase;
     v.why = s.why;
@@ -98,8 +99,8 @@ void line(const View &v)
 {
     const hdt_status_t &s = v.status;
     std::printf("%9.2f s  %s  %.1f Hz  wake p99 %.0f us worst %.0f  work p99 %.0f us  missed %lld  lost %lld",
-                static_cast<double>(s.t_us) * 1e-6,
-                v.phase.c_str(), v.rate_hz, s.wake_p99_us, s.wake_worst_us, s.work_p99_us, static_cast<long long>(s.missed),
+                static_cast<double>(s.t_us) * 1e-6, v.phase.c_str(), v.rate_hz, s.wake_p99_us,
+                s.wake_worst_us, s.work_p99_us, static_cast<long long>(s.missed),
                 static_cast<long long>(s.lost));
     if (v.has_cycle) {
         std::printf("  torque N m");
@@ -129,8 +130,8 @@ void page_torques(const View &v, std::string &out)
     out += "  cut\n";
     for (uint32_t j = 0; j < v.run.joints; j++) {
         double q = rad(o.q[j]), q_ref = rad(v.cycle.in.q_ref[j]);
-        std::snprintf(text, sizeof text, "%2u %8.4f %8.4f %10.3f %9.2f %9.2f", j + 1, q_ref, q, 1e3 * (q_ref - q), nm(o.total[j]),
-                      measured_nm(v, j));
+        std::snprintf(text, sizeof text, "%2u %8.4f %8.4f %10.3f %9.2f %9.2f", j + 1, q_ref, q,
+                      1e3 * (q_ref - q), nm(o.total[j]), measured_nm(v, j));
         out += text;
         for (int k = 0; k < HDT_TERMS; k++)
             if (used[k]) {
@@ -150,21 +151,27 @@ void page(const View &v)
     const hdt_status_t &s = v.status;
     auto n = [](int64_t value) { return static_cast<long long>(value); };
     double age_s = std::chrono::duration<double>(Clock::now() - v.heard).count();
-    std::snprintf(text, sizeof text, "hdt top   %s   %.1f s", v.arm.c_str(), static_cast<double>(s.t_us) * 1e-6);
+    std::snprintf(text, sizeof text, "hdt top   %s   %.1f s", v.arm.c_str(),
+                  static_cast<double>(s.t_us) * 1e-6);
     out += text;
     if (age_s > 1) {
         std::snprintf(text, sizeof text, "   nothing heard for %.0f s", age_s);
         out += text;
     }
     out += "   (Ctrl-C ends)\n" + v.why + "\n\n";
-    std::snprintf(text, sizeof text, "rate %.1f Hz of %.1f   periods %lld   missed %lld   log dropped %lld\n", v.rate_hz,
-                  1e6 / s.period_us, n(s.periods), n(s.missed), n(s.log_dropped));
+    std::snprintf(text, sizeof text, "rate %.1f Hz of %.1f   periods %lld   missed %lld   log dropped %lld\n",
+                  v.rate_hz, 1e6 / s.period_us, n(s.periods), n(s.missed), n(s.log_dropped));
     out += text;
-    std::snprintf(text, sizeof text, "replies %lld   lost %lld   bad %lld   not awaited %lld   sends refused %lld   bus down %lld\n",
-                  n(s.received), n(s.lost), n(s.bad_frames), n(s.not_awaited), n(s.send_refused), n(s.bus_down));
+    std::snprintf(text, sizeof text,
+                  "replies %lld   lost %lld   bad %lld   not awaited %lld   sends refused %lld   bus down "
+                  "%lld\n",
+                  n(s.received), n(s.lost), n(s.bad_frames), n(s.not_awaited), n(s.send_refused),
+                  n(s.bus_down));
     out += text;
-    std::snprintf(text, sizeof text, "wake-up p50 %.1f us  p99 %.1f  worst %.1f      work p50 %.1f us  p99 %.1f  worst %.1f\n",
-                  s.wake_p50_us, s.wake_p99_us, s.wake_worst_us, s.work_p50_us, s.work_p99_us, s.work_worst_us);
+    std::snprintf(text, sizeof text,
+                  "wake-up p50 %.1f us  p99 %.1f  worst %.1f      work p50 %.1f us  p99 %.1f  worst %.1f\n",
+                  s.wake_p50_us, s.wake_p99_us, s.wake_worst_us, s.work_p50_us, s.work_p99_us,
+                  s.work_worst_us);
     out += text;
     if (v.has_cycle)
         page_torques(v, out);
@@ -210,7 +217,8 @@ void watch(lcm_t *lcm, View &v, bool terminal, double seconds)
         if (e < 0 || (seconds > 0 && std::chrono::duration<double>(now - start).count() > seconds))
             break;
         if (!v.has_status && now > complain) {
-            std::fprintf(stderr, "hdt top: nothing heard for 3 s: is `hdt host --telemetry` running, and on this LCM address?\n");
+            std::fprintf(stderr, "hdt top: nothing heard for 3 s: is `hdt host --telemetry` running, and on "
+                                 "this LCM address?\n");
             complain = now + std::chrono::seconds(60);
         }
         if (!v.has_status || now < next)
@@ -237,10 +245,14 @@ int run(const TopOptions &o)
         std::printf("%s\n", v->why.c_str());
     }
     if (v->other_version != 0)
-        std::fprintf(stderr, "hdt top: %llu messages of another version than this program's %d: use the host's own hdt\n",
+        std::fprintf(stderr,
+                     "hdt top: %llu messages of another version than this program's %d: use the host's own "
+                     "hdt\n",
                      static_cast<unsigned long long>(v->other_version), DRV_LOG_VERSION);
     if (v->damaged != 0)
-        std::fprintf(stderr, "hdt top: %llu messages were none of this version's: is something else on these channels?\n",
+        std::fprintf(stderr,
+                     "hdt top: %llu messages were none of this version's: is something else on these "
+                     "channels?\n",
                      static_cast<unsigned long long>(v->damaged));
     return v->has_status ? Ok : No;
 }
@@ -251,8 +263,10 @@ void add_top(CLI::App &app, int &code)
 {
     auto o = std::make_shared<TopOptions>();
     CLI::App *sub = app.add_subcommand("top", "a running loop in the terminal, from its telemetry");
-    sub->add_option("--lcm", o->url, "LCM address (default: LCM_DEFAULT_URL, or LCM's own); file://LOG reads a log");
-    sub->add_option("--seconds", o->seconds, "end after this long (default: at Ctrl-C)")->check(CLI::Range(0.1, 1e6));
+    sub->add_option("--lcm", o->url,
+                    "LCM address (default: LCM_DEFAULT_URL, or LCM's own); file://LOG reads a log");
+    sub->add_option("--seconds", o->seconds, "end after this long (default: at Ctrl-C)")
+        ->check(CLI::Range(0.1, 1e6));
     sub->callback([o, &code] { code = run(*o); });
 }
 

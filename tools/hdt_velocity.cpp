@@ -36,7 +36,8 @@ Reference to_and_fro(const hdt_arm &arm, double peak_radps, double amplitude_rad
     for (Eigen::Index i = 0; i < rows; i++)
         for (int j = 0; j < arm.joints; j++) {
             // sin^2 starts and ends with speed zero and, over a turn of the sine, three of them
-            const double t = std::min(std::max(static_cast<double>(i) / ref.rate_hz - wait_s * j, 0.0), 3 * ramp_s);
+            const double t = std::min(std::max(static_cast<double>(i) / ref.rate_hz - wait_s * j, 0.0),
+                                      3 * ramp_s);
             const double x = omega * t, a = amplitude_rad, pose = j % 2 == 1 ? 0.6 : 0.1;
             // minimum-jerk start over the first turn
             const double share = std::min(x / (2 * pi), 1.0), left = std::min((6 * pi - x) / (2 * pi), 1.0);
@@ -110,8 +111,8 @@ int run(const VelocityOptions &o)
         {"to and fro, 0.05 rad/s", to_and_fro(rig.arm, 0.05, 0.05)},
         {"to and fro, 0.01 rad/s", to_and_fro(rig.arm, 0.01, 0.02)},
     };
-    std::printf("| motion | D term | friction | feedback share | reversal mrad | rms error mrad | chatter N m |\n"
-                "|---|---|---|---|---|---|---|\n");
+    std::printf("| motion | D term | friction | feedback share | reversal mrad | rms error mrad | chatter N "
+                "m |\n|---|---|---|---|---|---|---|\n");
     for (const auto &motion : motions)
         for (int way = 0; way < 4; way++) {
             paper::LoopSetup setup;
@@ -123,8 +124,9 @@ int run(const VelocityOptions &o)
                 return No;
             const Worth w = worth_of(run, motion.ref);
             std::printf("| %s | %s | %s | %.3f | %.3f | %.3f | %.3f |%s%s\n", motion.name,
-                        way & 1 ? "observed" : "filtered", way >> 1 ? "observed" : "desired", w.feedback_share,
-                        w.reversal_mrad, w.error_mrad, w.chatter_nm, run.fault.empty() ? "" : " ", run.fault.c_str());
+                        way & 1 ? "observed" : "filtered", way >> 1 ? "observed" : "desired",
+                        w.feedback_share, w.reversal_mrad, w.error_mrad, w.chatter_nm,
+                        run.fault.empty() ? "" : " ", run.fault.c_str());
             std::fflush(stdout);
         }
     return Ok;
@@ -135,9 +137,11 @@ int run(const VelocityOptions &o)
 void add_velocity(CLI::App &app, int &code)
 {
     auto o = std::make_shared<VelocityOptions>();
-    CLI::App *sub = app.add_subcommand("velocity", "filtered against observed velocity in the rig's closed loop");
+    CLI::App *sub = app.add_subcommand("velocity",
+                                       "filtered against observed velocity in the rig's closed loop");
     sub->add_option("--arm", o->arm, "model file of the arm")->required();
-    sub->add_option("--individual", o->individual, "which specimen of the arm; 0 has the file's friction exactly")
+    sub->add_option("--individual", o->individual,
+                    "which specimen of the arm; 0 has the file's friction exactly")
         ->capture_default_str();
     sub->add_option("--seed", o->seed, "noise and scatter of all runs")->capture_default_str();
     sub->callback([o, &code] { code = run(*o); });

@@ -27,7 +27,8 @@ World::World(const hdt_tables &tables, const plant_model &plant, const FixedRefe
     if (drv_host_init(host_.get(), &tables, &host_bus_, setup.records > 0 ? &ring_ : nullptr, &view,
                       &cfg) != HDT_OK)
         throw InputError(std::string(tables.name) + ": the core does not accept its tables");
-    if (setup.format == DRV_FORMAT_B && drv_cycle_set_format(&host_->cycle, setup.format, setup.rated_mnm) != 0)
+    if (setup.format == DRV_FORMAT_B &&
+        drv_cycle_set_format(&host_->cycle, setup.format, setup.rated_mnm) != 0)
         throw InputError(std::string(tables.name) + ": Format B needs the rated torque of every joint");
 }
 

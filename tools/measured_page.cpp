@@ -406,7 +406,8 @@ void write_folded(const Options &o, const Data &d)
 
 void write_residuals(const Options &o, const Data &d)
 {
-    std::string out = "# joint, t s, q rad, v rad/s, residual N.m, loss N.m, sensor N.m, direction: held-out blocks\n";
+    std::string out =
+        "# joint, t s, q rad, v rad/s, residual N.m, loss N.m, sensor N.m, direction: held-out blocks\n";
     for (const auto &[joint, runs] : d.test_blocks) {
         for (const Signal &s : runs)
             for (Eigen::Index i = 0; i < s.t_s.size(); ++i) {
@@ -491,7 +492,8 @@ int main(int argc, char **argv)
     Options o;
     std::vector<std::string> groups;
     CLI::App app{"one page of docs/measured"};
-    app.add_option("--dir", o.dir, "directory with ident/ and diagnosis/; points of pictures go there")->required();
+    app.add_option("--dir", o.dir, "directory with ident/ and diagnosis/; points of pictures go there")
+        ->required();
     app.add_option("--fit", o.fit, "logs that were fitted")->required();
     app.add_option("--test", o.test, "logs held out")->required();
     app.add_option("--text", o.text, "the page's text")->required();
@@ -499,7 +501,8 @@ int main(int argc, char **argv)
     app.add_option("--published", o.published, "N.m rms per joint, of a published model");
     app.add_option("--orders", o.orders, "orders per joint turn to look at");
     app.add_option("--steady", o.steady, "logs of steady speed, for --orders");
-    app.add_option("--other", o.other, "further divisions into fit and held out: directories in DIR with ident.json");
+    app.add_option("--other", o.other,
+                   "further divisions into fit and held out: directories in DIR with ident.json");
     app.add_option("--groups", groups, "runs of one input, as 1-20");
     app.add_option("--highest", o.highest, "highest order looked at")->capture_default_str();
     CLI11_PARSE(app, argc, argv);

@@ -370,7 +370,8 @@ Loss gear_loss(const std::vector<Signal> &runs)
         out.rows += static_cast<std::size_t>(y.back().size());
     }
     if (x.size() < 2)
-        throw InputError("gear loss: expected at least two runs with a link sensor (tau_sensor{j}_nm), found " +
+        throw InputError("gear loss: expected at least two runs with a link sensor (tau_sensor{j}_nm), "
+                         "found " +
                          std::to_string(x.size()));
     const Solved fit = solve(pieces);
     out.value = fit.value;

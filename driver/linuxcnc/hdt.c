@@ -115,7 +115,8 @@ static void update(void *arg, long period_ns)
     long off = period_ns - (long)c->info.period_ns;
     if (!c->wrong_period && (off > period_ns / 100 || off < -period_ns / 100)) {
         c->wrong_period = 1;
-        rtapi_print_msg(RTAPI_MSG_ERR, "hdt: thread of %ld ns, but the tables are for %lu ns: the arm stays braked; make "
+        rtapi_print_msg(RTAPI_MSG_ERR,
+                        "hdt: thread of %ld ns, but the tables are for %lu ns: the arm stays braked; make "
                         "period1 of the thread, or control.rate of the model file, the same\n",
                         period_ns, (unsigned long)c->info.period_ns);
     }
@@ -156,8 +157,9 @@ static int make_pins(struct component *c)
     memset(p, 0, sizeof *p);
     c->pin = p;
     const struct { hal_pin_dir_t dir; hal_bit_t **pin; const char *name; } bits[] = {
-        {HAL_IN, &p->enable, "enable"}, {HAL_IN, &p->velocity_mode, "velocity-mode"}, {HAL_IN, &p->clear, "clear"},
-        {HAL_OUT, &p->ready, "ready"}, {HAL_OUT, &p->driving, "driving"}, {HAL_OUT, &p->fault, "fault"},
+        {HAL_IN, &p->enable, "enable"}, {HAL_IN, &p->velocity_mode, "velocity-mode"},
+        {HAL_IN, &p->clear, "clear"}, {HAL_OUT, &p->ready, "ready"},
+        {HAL_OUT, &p->driving, "driving"}, {HAL_OUT, &p->fault, "fault"},
     };
     const struct { hal_u32_t **pin; const char *name; } words[] = {
         {&p->fault_code, "fault-code"}, {&p->fault_joints, "fault-joints"},
@@ -197,7 +199,8 @@ static int set_up(struct component *c, char *why, size_t len)
 {
     static const struct hdt_plugin_host me = HDT_PLUGIN_HOST;
     void *memory = calloc(1, c->plugin->memory_bytes);
-    int e = memory != NULL ? c->plugin->create(&me, memory, c->plugin->memory_bytes, &c->arm) : HDT_PLUGIN_ERR_MEMORY;
+    int e = memory != NULL ? c->plugin->create(&me, memory, c->plugin->memory_bytes, &c->arm)
+                           : HDT_PLUGIN_ERR_MEMORY;
     if (e != HDT_OK) {
         snprintf(why, len, "%s", c->plugin->strerror(e));
         free(memory);
@@ -220,7 +223,8 @@ static void take_down(struct component *c)
     if (c->id > 0)
         hal_exit(c->id);
     if (c->plugin->state(c->arm) == HDT_PLUGIN_RUNNING && c->plugin->stop(c->arm) != HDT_OK)
-        rtapi_print_msg(RTAPI_MSG_ERR, "hdt: the servo did not confirm the end: make sure that its brakes are on\n");
+        rtapi_print_msg(RTAPI_MSG_ERR,
+                        "hdt: the servo did not confirm the end: make sure that its brakes are on\n");
     if (c->arm != NULL)
         (void)c->plugin->destroy(c->arm);
     free(c->arm);

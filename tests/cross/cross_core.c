@@ -52,7 +52,8 @@ static void hash_out(const struct hdt_out *o)
     hash(o->fault, 4);
     hash(o->fault_joints, 4);
 }
-typedef char every_output_is_hashed[sizeof(struct hdt_out) == HDT_JOINTS_MAX * (24 + 4 * HDT_TERMS) + 8 ? 1 : -1];
+typedef char every_output_is_hashed[sizeof(struct hdt_out) ==
+                                    HDT_JOINTS_MAX * (24 + 4 * HDT_TERMS) + 8 ? 1 : -1];
 
 /* ---- inputs -------------------------------------------------------------------------------------- */
 
@@ -88,7 +89,8 @@ static void smooth_input(uint64_t period)
 {
     in.t_us += tables.period_ns / 1000u + (random64() & 63u);
     in.count_us = random64() & 1u ? in.t_us - (random64() & 127u) : 0;
-    in.mode = period % 4096u < 3500u ? HDT_MODE_TORQUE : period % 4096u < 3900u ? HDT_MODE_VELOCITY : HDT_MODE_IDLE;
+    const uint32_t of_4096 = period % 4096u;
+    in.mode = of_4096 < 3500u ? HDT_MODE_TORQUE : of_4096 < 3900u ? HDT_MODE_VELOCITY : HDT_MODE_IDLE;
     in.active = ((uint32_t)1 << tables.joints) - 1u;
     in.fresh = period == 0 ? in.active : (uint32_t)(random64() | random64() | random64());
     in.servo_alarm = random64() % 3000u == 0 ? 1u : 0u;

@@ -2,7 +2,8 @@
 /*
  * Table images as C source for cross_core.c: those named on the command line, then random arms of 1 to
  * 16 joints with every term on.
- * usage: cross_gen NAME=FILE.hdtm... >images.c     or, random arms only, a file each: cross_gen --files DIRECTORY
+ * usage: cross_gen NAME=FILE.hdtm... >images.c
+ *        cross_gen --files DIRECTORY          random arms only, a file each
  */
 #include <stdio.h>
 #include <string.h>
@@ -34,7 +35,8 @@ static void put(const char *name, size_t size)
     for (size_t i = 0; i < size; i++)
         printf("%s%u,", i % 24 == 0 ? "\n    " : "", image[i]);
     printf("\n};\n");
-    snprintf(list + strlen(list), sizeof list - strlen(list), "    {\"%s\", %zu, image_%s},\n", name, size, name);
+    snprintf(list + strlen(list), sizeof list - strlen(list), "    {\"%s\", %zu, image_%s},\n", name, size,
+             name);
 }
 
 int main(int argc, char **argv)
@@ -62,7 +64,8 @@ int main(int argc, char **argv)
         int joint;
         ref_random_arm(&r, joints, &tables);
         if (hdt_tables_check(&tables, (const char **)&where, &joint) != HDT_TABLES_OK) {
-            fprintf(stderr, "cross_gen: random arm of %u joints: %s of joint %d is refused\n", joints, where, joint);
+            fprintf(stderr, "cross_gen: random arm of %u joints: %s of joint %d is refused\n", joints, where,
+                    joint);
             return 1;
         }
         snprintf(name, sizeof name, "random%u", joints);

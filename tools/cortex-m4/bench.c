@@ -15,7 +15,8 @@ extern const struct hdt_tables hdt_tables_pa10;
 extern uint32_t stack_top[];
 void reset(void);
 
-__attribute__((section(".vectors"), used)) static const void *const vectors[2] = {stack_top, (const void *)reset};
+__attribute__((section(".vectors"), used)) static const void *const vectors[2] = {
+    stack_top, (const void *)reset};
 
 void *memset(void *to, int value, size_t n)
 {
