@@ -138,7 +138,8 @@ int hdt_init(hdt_t *h, const struct hdt_tables *tables);
  * Constant time: no data-dependent loop; cost grows with joints and terms in use.
  * Overflow: products are 64-bit; every term saturates at +-32767 N.m; digits are clamped by the
  * gate with the limit bit set; nothing wraps.
- * Errors: HDT_ERR_ARG, HDT_ERR_TIME; *out is then all zero digits (if given) and h unchanged.
+ * Errors: HDT_ERR_ARG, HDT_ERR_TABLES (h was never started), HDT_ERR_TIME; *out is then all zero (if given),
+ * and h unchanged but for the slew limit, which goes on from zero digits.
  * Context: control thread only, one h at a time. */
 int hdt_step(hdt_t *h, const struct hdt_in *in, struct hdt_out *out);
 

@@ -109,7 +109,14 @@ static void pace_turns(struct pace *p, uint64_t gap_us)
         p->rate_q16 = hdt_vel_rate_q16(gap_us > p->shortest_us ? (uint32_t)gap_us : p->shortest_us);
 }
 
-/* Newest count to filtered velocity.  Without a new count the last difference is held. */
+static void forget_motion(hdt_t *h, uint32_t j)
+{
+    h->vel[j] = (struct hdt_vel){{0, 0}, {0, 0}, 0};
+    h->observed &= ~((uint32_t)1 << j);
+}
+
+/* Newest count to filtered velocity.  Without a new count the last difference is held, as long as a gap is
+ * spanned; after that nothing is known of the joint's motion, and the estimates begin anew. */
 static inline int32_t measure_velocity(hdt_t *h, const struct hdt_in *in, uint32_t j, struct pace *p)
 {
     const struct hdt_tables *t = h->tables;
@@ -123,9 +130,15 @@ static inline int32_t measure_velocity(hdt_t *h, const struct hdt_in *in, uint32
         if (p->seen >> j & 1u) {
             const int64_t per_count = hdt_vel_per_count_q32(t->joint[j].rad_per_count_q44, p->rate_q16);
             x_q24 = hdt_vel_difference(in->count[j].raw, h->count[j], per_count) * t->joint[j].sign;
+        } else if (gap_us != 0) {
+            forget_motion(h, j);
+            x_q24 = 0;
         }
         h->count[j] = in->count[j].raw;
         h->count_us[j] = p->now_us;
+    } else if (h->gate.stale[j] >= HDT_VEL_GAP_MAX) {
+        forget_motion(h, j);
+        x_q24 = 0;
     }
     return hdt_vel_filter(vel, t->biquad_q28, x_q24);
 }
@@ -316,16 +329,28 @@ static void follow(const struct hdt_tables *t, const struct hdt_in *in, const st
     }
 }
 
+/* Why this step cannot be done, or HDT_OK. */
+static int refusal(const hdt_t *h, const struct hdt_in *in, const struct hdt_out *out)
+{
+    if (in == NULL || out == NULL || in->mode > HDT_MODE_VELOCITY)
+        return HDT_ERR_ARG;
+    if (h->tables == NULL)
+        return HDT_ERR_TABLES;
+    return h->steps != 0 && in->t_us <= h->t_us ? HDT_ERR_TIME : HDT_OK;
+}
+
 int hdt_step(hdt_t *h, const struct hdt_in *in, struct hdt_out *out)
 {
     if (out != NULL)
         *out = (struct hdt_out){0};
-    if (h == NULL || in == NULL || out == NULL || in->mode > HDT_MODE_VELOCITY)
+    if (h == NULL)
         return HDT_ERR_ARG;
-    if (h->tables == NULL)
-        return HDT_ERR_TABLES;
-    if (h->steps != 0 && in->t_us <= h->t_us)
-        return HDT_ERR_TIME;
+    const int err = refusal(h, in, out);
+    if (err != HDT_OK) {
+        /* the joints get zero this period: the slew limit goes on from there */
+        hdt_gate_zero(&h->gate);
+        return err;
+    }
 
     struct hdt_motion m[HDT_JOINTS_MAX];
     hdt_radps_t v_cmd[HDT_JOINTS_MAX];

@@ -114,10 +114,15 @@ void hdt_gate_step(struct hdt_gate *g, const struct hdt_tables *t, const struct 
     out->fault_joints = g->fault_joints;
 }
 
+void hdt_gate_zero(struct hdt_gate *g)
+{
+    for (int j = 0; j < HDT_JOINTS_MAX; j++)
+        g->digit[j] = 0;
+}
+
 void hdt_gate_clear(struct hdt_gate *g)
 {
     g->fault = 0;
     g->fault_joints = 0;
-    for (int j = 0; j < HDT_JOINTS_MAX; j++)
-        g->digit[j] = 0;
+    hdt_gate_zero(g);
 }

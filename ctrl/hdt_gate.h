@@ -21,6 +21,9 @@
 void hdt_gate_step(struct hdt_gate *g, const struct hdt_tables *t, const struct hdt_in *in,
                    uint32_t seen, const hdt_radps_t v_cmd[], struct hdt_out *out);
 
+/* The digits of the last period were not sent, or zero was: the slew limit goes on from zero. */
+void hdt_gate_zero(struct hdt_gate *g);
+
 /* Forget latched faults; what still holds latches again next period. */
 void hdt_gate_clear(struct hdt_gate *g);
 

@@ -451,6 +451,52 @@ START_TEST(test_a_gap_of_16_periods_is_spanned_and_one_of_17_is_not)
 }
 END_TEST
 
+/* An arm that moved at 1 rad/s, and then nothing is heard of it for so many periods. */
+static void fall_silent(uint32_t periods)
+{
+    plain(1);
+    arm.joint[0].q_max_q24 = Q(100, 24);
+    arm.stale_periods = 1000;
+    const double per_period = arm.period_ns * 1e-9 / D(arm.joint[0].rad_per_count_q44, 44);
+    for (int k = 1; k <= 100; k++) {
+        in.count[0].raw = arm.joint[0].zero_cnt + (int32_t)lrint(k * per_period);
+        tick();
+    }
+    ck_assert_double_eq_tol(D(out.v[0].raw, 24), 1, 0.02);
+    in.fresh = 0;
+    for (uint32_t k = 0; k < periods; k++)
+        tick();
+}
+
+START_TEST(test_a_speed_is_not_held_longer_than_a_gap_is_spanned)
+{
+    fall_silent(16);
+    ck_assert_double_eq_tol(D(out.v[0].raw, 24), 1, 0.02);
+    fall_silent(17);
+    ck_assert_int_eq(out.v[0].raw, 0);
+    /* two counts of one instant say nothing of speed: it is held */
+    fall_silent(0);
+    in.fresh = 1;
+    in.count_us = in.t_us;
+    tick();
+    ck_assert_double_eq_tol(D(out.v[0].raw, 24), 1, 0.02);
+    in.count_us = 0;
+    fall_silent(17);
+    /* nor is it still there when the arm, at rest by then, is heard again */
+    in.fresh = 1;
+    tick();
+    ck_assert_int_eq(out.v[0].raw, 0);
+    /* nor when it was the host that stood still */
+    fall_silent(0);
+    in.fresh = 1;
+    in.t_us += 1000000;
+    tick();
+    ck_assert_int_eq(out.v[0].raw, 0);
+    tick();
+    ck_assert_int_eq(out.v[0].raw, 0);
+}
+END_TEST
+
 START_TEST(test_late_host_does_not_look_like_speed)
 {
     /* steady 1 rad/s, counts taken at uneven times: the estimate uses the time they were taken at */
@@ -497,7 +543,7 @@ START_TEST(test_lost_telegrams_do_not_look_like_speed)
     in.fresh = 1;
     in.count[0].raw += 100000000;
     tick();
-    ck_assert_double_eq_tol(D(out.v[0].raw, 24), 1, 0.01);
+    ck_assert_int_eq(out.v[0].raw, 0);
 }
 END_TEST
 
@@ -586,12 +632,31 @@ START_TEST(test_velocity_mode_adds_four_per_second_of_position_error)
 }
 END_TEST
 
+START_TEST(test_after_a_refused_step_the_slew_begins_at_zero)
+{
+    plain(1);
+    arm.joint[0].offset_q16 = 40 << 16;
+    arm.joint[0].dig_slew = 50;
+    for (int k = 0; k < 30; k++)
+        tick();
+    ck_assert_int_eq(out.digit[0].raw, 800);
+    ck_assert_int_eq(hdt_step(&core, &in, &out), HDT_ERR_TIME);
+    ck_assert_int_eq(out.digit[0].raw, 0);
+    tick();
+    ck_assert_int_eq(out.digit[0].raw, 50);
+    ck_assert_int_eq(hdt_step(&core, &in, NULL), HDT_ERR_ARG);
+    tick();
+    ck_assert_int_eq(out.digit[0].raw, 50);
+}
+END_TEST
+
 START_TEST(test_error_leaves_state_alone_and_output_zero)
 {
     static const struct hdt_out zero;
     plain(2);
     tick();
-    const hdt_t before = core;
+    hdt_t before = core;
+    memset(before.gate.digit, 0, sizeof before.gate.digit); /* what the caller is told to send */
 #define REFUSED(h, i, err) \
     do { memset(&out, 0x5a, sizeof out); ck_assert_int_eq(hdt_step(h, i, &out), err); \
          ck_assert(memcmp(&out, &zero, sizeof zero) == 0); \
@@ -778,12 +843,14 @@ static Suite *core_suite(void)
     tcase_add_test(m, test_a_term_not_asked_for_is_zero);
     tcase_add_test(c, test_first_count_however_far_is_no_speed);
     tcase_add_test(c, test_a_gap_of_16_periods_is_spanned_and_one_of_17_is_not);
+    tcase_add_test(c, test_a_speed_is_not_held_longer_than_a_gap_is_spanned);
     tcase_add_test(c, test_late_host_does_not_look_like_speed);
     tcase_add_test(c, test_lost_telegrams_do_not_look_like_speed);
     tcase_add_test(c, test_observer_knows_what_its_torque_does);
     tcase_add_test(c, test_observer_starts_where_the_arm_is);
     tcase_add_test(c, test_velocity_mode_adds_four_per_second_of_position_error);
     tcase_add_test(c, test_error_leaves_state_alone_and_output_zero);
+    tcase_add_test(c, test_after_a_refused_step_the_slew_begins_at_zero);
     tcase_add_test(c, test_refused_tables_leave_a_core_that_refuses);
     tcase_add_test(c, test_clear_lets_digits_through_again);
     tcase_add_test(c, test_every_code_has_its_own_name);
