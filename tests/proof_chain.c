@@ -16,8 +16,8 @@ int main(void)
     any_tables();
     for (int j = 0; j < JOINTS; j++) {
         const struct hdt_joint_tab *t = &tables.joint[j];
-        motion[j].sin_q30 = between(-(1 << 30), 1 << 30);
-        motion[j].cos_q30 = between(-(1 << 30), 1 << 30);
+        motion[j].sin_q30 = between(-INT32_MAX, INT32_MAX);
+        motion[j].cos_q30 = between(-INT32_MAX, INT32_MAX);
         motion[j].v_ref_q24 = between(-t->v_lim_q24, t->v_lim_q24);
         motion[j].a_ref_q16 = between(-t->a_lim_q16, t->a_lim_q16);
     }
