@@ -315,7 +315,7 @@ static double grow_to_the_limit(const struct hdt_tables *of, int by_speed)
     return ok;
 }
 
-/* All axes parallel and every weight straight out: with all joints the same way, sums are as large as they say. */
+/* All axes parallel and every weight straight out: with all joints one way, sums are at their largest. */
 static void stretch(struct hdt_tables *t)
 {
     for (uint32_t j = 0; j < t->joints; j++) {
@@ -330,8 +330,8 @@ static void stretch(struct hdt_tables *t)
     ref_chain_flags(t);
 }
 
-/* What the chain relies on: the largest arms that are accepted, all joints at their limits, are still the law;
- * a vector that left its 32 bits would be off by 2^31 of its last place, 1 kN m and more. */
+/* What the chain relies on: the largest arms that are accepted, all joints at their limits, are still the
+ * law; a vector that left its 32 bits would be off by 2^31 of its last place, 1 kN m and more. */
 START_TEST(test_no_vector_leaves_32_bits_in_any_arm_accepted)
 {
     uint64_t r = 80 + (uint64_t)_i;
@@ -364,9 +364,11 @@ START_TEST(test_no_vector_leaves_32_bits_in_any_arm_accepted)
             hdt_chain_inertia(&arm, m, got);
             ref_inertia(&arm, q, v, a, want);
             for (uint32_t j = 0; j < arm.joints; j++) {
-                const double held = fmax(-32768, fmin(32768, want[j])); /* the first joint turns all that weighs */
+                /* the first joint turns all that weighs */
+                const double held = fmax(-32768, fmin(32768, want[j]));
                 most_nm = fmax(most_nm, fabs(want[j]));
-                ck_assert_msg(fabs(D(got[j], 16) - held) < 1, "arm %d joint %u: %.3f, the law says %.3f", n, j, D(got[j], 16), want[j]);
+                ck_assert_msg(fabs(D(got[j], 16) - held) < 1, "arm %d joint %u: %.3f, the law says %.3f",
+                              n, j, D(got[j], 16), want[j]);
             }
             hdt_chain_gravity(&arm, m, got);
             ref_gravity(&arm, q, want);
@@ -441,8 +443,8 @@ START_TEST(test_terms_saturate_and_never_wrap)
 }
 END_TEST
 
-/* Tables the check would refuse and any motion: without meaning, but no undefined behaviour (the sanitizers look)
- * and gravity within its bound. */
+/* Tables the check would refuse and any motion: without meaning, but no undefined behaviour (the sanitizers
+ * look) and gravity within its bound. */
 START_TEST(test_the_chain_takes_any_numbers)
 {
     const int32_t edge[] = {1 << 30, -(1 << 30), (1 << 30) - 1, 500 << 20, -(500 << 20), 1 << 20, 0, -1};

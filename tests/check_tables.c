@@ -483,7 +483,8 @@ START_TEST(test_an_arm_too_fast_or_too_heavy_for_the_sums_is_refused)
     ck_assert_double_eq_tol(D(largest_accepted(&b->step_q24[0], "step_q24", 1), 24), 7936 / 1001.0, 0.01);
     /* a step aslant counts as the longer part and 27/64 of the shorter */
     b->step_q24[1] = 2 << 24;
-    ck_assert_double_eq_tol(D(largest_accepted(&b->step_q24[0], "step_q24", 1), 24), 7936 / 1001.0 - 27 / 32.0, 0.01);
+    ck_assert_double_eq_tol(D(largest_accepted(&b->step_q24[0], "step_q24", 1), 24),
+                            7936 / 1001.0 - 27 / 32.0, 0.01);
     b->step_q24[1] = 0;
     /* whose product 64 bits do not hold */
     const char *where = "";
@@ -503,9 +504,11 @@ START_TEST(test_an_arm_too_fast_or_too_heavy_for_the_sums_is_refused)
     b->moment_q20[1] = 500 << 20;
     b->step_q24[0] = 0;
     ref_chain_flags(&arm);
-    ck_assert_double_eq_tol(D(largest_accepted(&b->moment_q20[0], "moment_q20", 1), 20), 124 / (27 / 64.0), 1e-3);
+    ck_assert_double_eq_tol(D(largest_accepted(&b->moment_q20[0], "moment_q20", 1), 20),
+                            124 / (27 / 64.0), 1e-3);
     /* forces below 31744 N: (10 + 1) rad/s^2 * 400 kg.m, and (a + 15) rad/s^2 * 500 kg.m */
-    ck_assert_double_eq_tol(D(largest_accepted(&b->a_lim_q16, "second_q20", 1), 16), (31744 - 4400) / 500.0 - 15, 1e-2);
+    ck_assert_double_eq_tol(D(largest_accepted(&b->a_lim_q16, "second_q20", 1), 16),
+                            (31744 - 4400) / 500.0 - 15, 1e-2);
     a->moment_q20[0] = b->moment_q20[1] = 0;
     b->a_lim_q16 = 100 << 16;
     b->step_q24[0] = 1 << 24;
