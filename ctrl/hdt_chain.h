@@ -27,14 +27,14 @@
 
 #include "ctrl/hdt_comp.h"
 
-/* N.m q16 of every joint.  Uses sin, cos.
+/* N.m q16 of every joint, at most HDT_GRAVITY_MAX_Q16.  Uses sin, cos.
  * Overflow: hdt_tables_check bounds |g| below 2^31 (q24), the sum of all |moment| below 2^30 (q20)
- * and their product below 2^31 (q16), so no sum can wrap and no result needs a clamp. */
+ * and their product below 2^30 (q16), so no vector leaves its 32 bits and the result's clamp never acts. */
 void hdt_chain_gravity(const struct hdt_tables *t, const struct hdt_motion m[], int32_t tau_q16[]);
 
 /* N.m q16 of every joint.  Uses sin, cos, v_ref, a_ref, which must be within v_lim, a_lim.
  * Overflow: hdt_tables_check works out how fast links and how large forces can become with these
- * limits and takes only tables for which no sum can wrap; the result is clamped as hdt_sat. */
+ * limits and takes only tables with which no vector leaves its 32 bits; the result is clamped as hdt_sat. */
 void hdt_chain_inertia(const struct hdt_tables *t, const struct hdt_motion m[], int32_t tau_q16[]);
 
 #endif

@@ -38,8 +38,9 @@ static const struct range joint_ranges[] = {
     RANGE(hdt_joint_tab, twist_cos_q30, -(1 << 30), 1 << 30),
     RANGE(hdt_joint_tab, twist_sin_q30, -(1 << 30), 1 << 30),
     RANGE(hdt_joint_tab, step_q24, -NO_LIMIT, NO_LIMIT),
-    RANGE(hdt_joint_tab, moment_q20, -NO_LIMIT, NO_LIMIT),
-    RANGE(hdt_joint_tab, second_q20, -NO_LIMIT, NO_LIMIT),
+    /* 500 kg.m, 500 kg.m^2: six products with the one and two with the other stay below 2^63 */
+    RANGE(hdt_joint_tab, moment_q20, -(500 << 20), 500 << 20),
+    RANGE(hdt_joint_tab, second_q20, -(500 << 20), 500 << 20),
     RANGE(hdt_joint_tab, rotor_q20, 0, NO_LIMIT),
     RANGE(hdt_joint_tab, v_lim_q24, 1, 1 << 30),
     RANGE(hdt_joint_tab, a_lim_q16, 1, 1 << 30),
@@ -149,12 +150,15 @@ static const char *scaling(const struct hdt_joint_tab *j)
     return NULL;
 }
 
-/* a * b / 2^n of values >= 0, rounded up; a product of 2^62 or more counts as 2^62. */
+/* a * b / 2^n of values >= 0, rounded up; a product of more than 2^62 counts as 2^62. */
 static int64_t bound(int64_t a, int64_t b, unsigned n)
 {
     const int64_t most = (int64_t)1 << 62;
-    const int64_t product = a != 0 && b > most / a ? most : a * b;
-    return (product >> n) + 1;
+    /* modulo 2^64; its own comparison is for the proof, which does not see through the division */
+    const uint64_t product = (uint64_t)a * (uint64_t)b;
+    if (product > (uint64_t)most || (a != 0 && b > most / a))
+        return (most >> n) + 1;
+    return (int64_t)(product >> n) + 1;
 }
 
 /* Friction between the knots and on beyond the last one, up to the speed the terms follow. */
@@ -235,53 +239,55 @@ static int wrong(const char *name, int at, int err, const char **where, int *joi
 }
 
 /* How fast links can move and how much they can weigh, gathered from the base outwards.  All are
- * sums of magnitudes, so no order of additions and no turning can exceed them. */
+ * sums of lengths, so no order of additions and no turning can exceed them. */
 struct reach {
-    int64_t w_q24, turn_q20, u_q20, a_q20; /* |w|, sum of own accelerations, |U|, |a|    */
-    int64_t moment_q20, gravity_q24;       /* all first moments; g                       */
-    int64_t step_q24;                      /* way from the base                          */
-    int64_t f_q16, n_q16;                  /* all forces; all moments about the base     */
+    int64_t w_q24, dw_q18, u_q18, a_q18; /* |w|, |dw|, |U|, |a|                        */
+    int64_t moment_q20, gravity_q24;     /* all first moments; g                       */
+    int64_t step_q24;                    /* way from the base                          */
+    int64_t f_q16, n_q16;                /* all forces; all moments about the base     */
 };
 
-static int64_t sum2(const int32_t v[2])
+/* Length of (x, y), at most a tenth too long: the longer plus 27/64 (over sqrt(2) - 1) of the shorter. */
+static int64_t length(const int32_t v[2])
 {
-    return magnitude(v[0]) + magnitude(v[1]);
+    const int64_t x = magnitude(v[0]), y = magnitude(v[1]);
+    return x > y ? x + bound(y, 27, 6) : y + bound(x, 27, 6);
 }
 
-/* One link further.  Name of the member that lets a sum of the chain wrap, or NULL.  The limits are
- * those hdt_chain.c relies on. */
+/* One link further.  Name of the member that lets a vector of the chain leave 32 bits, or NULL. */
 static const char *chain_moves(const struct hdt_joint_tab *j, struct reach *r)
 {
-    const int64_t vector = (int64_t)31 << 28; /* of components that a turn keeps below 2^33 */
-    const int64_t moment = sum2(j->moment_q20), step = sum2(j->step_q24);
+    const int64_t vector = (int64_t)31 << 26; /* of 2^31: turning and rounding add less than a thousandth */
+    const int64_t moment = length(j->moment_q20), step = length(j->step_q24);
     int64_t second = 0;
     for (int i = 0; i < 5; i++)
         second += magnitude(j->second_q20[i]);
 
-    /* g . h: each below 2^62, and the torque a number */
+    /* h, and g . h */
     r->moment_q20 += moment;
-    if (r->moment_q20 >= (int64_t)1 << 30 || bound(r->moment_q20, r->gravity_q24, 28) >= (int64_t)1 << 30)
+    if (r->moment_q20 >= (int64_t)1 << 30 || bound(r->moment_q20, r->gravity_q24, 28) > HDT_GRAVITY_MAX_Q16)
         return "moment_q20";
 
     /* the origin moves with the link before */
-    r->a_q20 += bound(r->u_q20, step, 24);
+    r->a_q18 += bound(r->u_q18, step, 24);
     r->step_q24 += step;
-    if (r->a_q20 >= vector)
+    if (r->a_q18 >= vector)
         return "step_q24";
 
-    /* |w| up to 60 rad/s; |dw| <= sum of a + w^2, |U| <= |dw| + w^2 */
+    /* |w| up to 60 rad/s; |dw| <= that before + a + |w before| v, |U| <= |dw| + w^2 */
+    r->dw_q18 += (int64_t)j->a_lim_q16 * 4 + bound(r->w_q24, j->v_lim_q24, 30);
     r->w_q24 += j->v_lim_q24;
     if (r->w_q24 > (int64_t)60 << 24)
         return "v_lim_q24";
-    r->turn_q20 += (int64_t)j->a_lim_q16 * 16;
-    r->u_q20 = r->turn_q20 + 2 * bound(r->w_q24, r->w_q24, 28);
-    if (r->u_q20 >= vector)
+    r->u_q18 = r->dw_q18 + bound(r->w_q24, r->w_q24, 30);
+    if (r->u_q18 >= vector)
         return "a_lim_q16";
 
-    /* force and moment this link takes, and what its force makes of the way to the base */
-    const int64_t f = bound(r->u_q20, moment, 24);
+    /* force and moment this link takes, and what its force makes of the way to the base; as the matrix of
+     * inertia (yy -xy -xz; -xy xx -yz; -xz -yz xx+yy) has no row above `second`, it makes no vector longer */
+    const int64_t f = bound(r->u_q18, moment, 22);
     r->f_q16 += f;
-    r->n_q16 += bound(r->u_q20, 2 * second, 24) + bound(r->a_q20, moment, 24) + bound(f, r->step_q24, 24);
+    r->n_q16 += bound(r->u_q18, second, 22) + bound(r->a_q18, moment, 22) + bound(f, r->step_q24, 24);
     return r->f_q16 >= vector || r->n_q16 >= vector ? "second_q20" : NULL;
 }
 

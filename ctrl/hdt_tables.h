@@ -24,6 +24,7 @@ extern "C" {
 #define HDT_LINES_MAX 4
 #define HDT_CURVE_KNOTS 257   /* of a free curve, linear between, its ends held outside */
 #define HDT_SPRING_MAX_Q16 (1 << 27) /* N.m  a spring pulls no harder than 2048 */
+#define HDT_GRAVITY_MAX_Q16 ((1 << 30) - 1) /* N.m  nor gravity than 16384      */
 
 /* Terms a joint may use; a bit not set costs one branch. */
 enum hdt_term {

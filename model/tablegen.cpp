@@ -451,9 +451,10 @@ std::string cause(const std::string &member)
         {"step_q24", "origin: expected link origins that accelerate by less than 7900 m/s^2, found "
                      "more at full speed"},
         {"moment_q20", "link.com: expected a holding torque below 16384 N.m and first moments below "
-                       "1024 kg.m, all links together, found more"},
-        {"second_q20", "link.inertia: expected forces below 120000 N and moments below 120000 N.m at full "
-                       "speed, all links together, found more"},
+                       "1024 kg.m, all links together, and 500 kg.m or less a link, found more"},
+        {"second_q20", "link.inertia: expected forces below 31700 N and moments below 31700 N.m at full "
+                       "speed, all links together, and second moments of 500 kg.m^2 or less a link, "
+                       "found more"},
         {"stiffness", "stiffness: expected lines below 32767 N.m at every load, found more"},
     };
     const auto known = causes.find(member);

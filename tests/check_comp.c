@@ -285,6 +285,102 @@ START_TEST(test_mass_matrix_is_symmetric)
 }
 END_TEST
 
+/* Weights and speeds of every joint times `weight` and `speed`, as far as their ranges allow. */
+static void grow(const struct hdt_tables *of, double weight, double speed)
+{
+    arm = *of;
+    for (uint32_t j = 0; j < arm.joints; j++) {
+        struct hdt_joint_tab *tab = &arm.joint[j];
+        memset(tab->stiffness, 0, sizeof tab->stiffness);
+        tab->friction_shift = 23;
+        for (int i = 0; i < 2; i++)
+            tab->moment_q20[i] = (int32_t)fmax(-(500 << 20), fmin(500 << 20, tab->moment_q20[i] * weight));
+        for (int i = 0; i < 5; i++)
+            tab->second_q20[i] = (int32_t)fmax(-(500 << 20), fmin(500 << 20, tab->second_q20[i] * weight));
+        tab->v_lim_q24 = (int32_t)fmin(1 << 30, tab->v_lim_q24 * speed);
+        tab->a_lim_q16 = (int32_t)fmin(1 << 30, tab->a_lim_q16 * speed);
+    }
+}
+
+/* The largest arm of that shape that is accepted, grown by one of the two; returns how much it grew. */
+static double grow_to_the_limit(const struct hdt_tables *of, int by_speed)
+{
+    double ok = 0, bad = 1e6;
+    for (int i = 0; i < 60; i++) {
+        const double k = (ok + bad) / 2;
+        grow(of, by_speed ? 1 : k, by_speed ? k : 1);
+        *(hdt_tables_check(&arm, NULL, NULL) == HDT_TABLES_OK ? &ok : &bad) = k;
+    }
+    grow(of, by_speed ? 1 : ok, by_speed ? ok : 1);
+    return ok;
+}
+
+/* All axes parallel and every weight straight out: with all joints one way, sums are at their largest. */
+static void stretch(struct hdt_tables *t)
+{
+    for (uint32_t j = 0; j < t->joints; j++) {
+        struct hdt_joint_tab *tab = &t->joint[j];
+        tab->twist_cos_q30 = 1 << 30;
+        tab->twist_sin_q30 = 0;
+        tab->phase0 = 0;
+        tab->step_q24[0] = hdt_abs(tab->step_q24[0]);
+        tab->moment_q20[0] = hdt_abs(tab->moment_q20[0]);
+        tab->step_q24[1] = tab->moment_q20[1] = 0;
+    }
+    ref_chain_flags(t);
+}
+
+/* What the chain relies on: the largest arms that are accepted, all joints at their limits, are still the
+ * law; a vector that left its 32 bits would be off by 2^31 of its last place, 1 kN m and more. */
+START_TEST(test_no_vector_leaves_32_bits_in_any_arm_accepted)
+{
+    uint64_t r = 80 + (uint64_t)_i;
+    static struct hdt_tables small;
+    double least = 1e6, most_nm = 0;
+    for (int n = 0; n < 60; n++) {
+        ref_random_arm(&r, (uint32_t)_i, &small);
+        const int stretched = n % 3 == 0;
+        if (stretched)
+            stretch(&small);
+        least = fmin(least, grow_to_the_limit(&small, n & 1));
+        ck_assert_int_eq(hdt_tables_check(&arm, NULL, NULL), HDT_TABLES_OK);
+        for (int k = 0; k < 20; k++) {
+            struct hdt_motion m[HDT_JOINTS_MAX];
+            double q[HDT_JOINTS_MAX], v[HDT_JOINTS_MAX], a[HDT_JOINTS_MAX], want[HDT_JOINTS_MAX];
+            int32_t got[HDT_JOINTS_MAX];
+            random_chain(&r, m, q, v, a);
+            for (uint32_t j = 0; j < arm.joints; j++) {
+                const int way = k < 2 ? k : (int)(test_random(&r) & 1);
+                if (stretched && k < 2) {
+                    m[j].sin_q30 = 0;
+                    m[j].cos_q30 = 1 << 30;
+                    q[j] = 0;
+                }
+                m[j].v_ref_q24 = way ? arm.joint[j].v_lim_q24 : -arm.joint[j].v_lim_q24;
+                m[j].a_ref_q16 = way ? arm.joint[j].a_lim_q16 : -arm.joint[j].a_lim_q16;
+                v[j] = D(m[j].v_ref_q24, 24);
+                a[j] = D(m[j].a_ref_q16, 16);
+            }
+            hdt_chain_inertia(&arm, m, got);
+            ref_inertia(&arm, q, v, a, want);
+            for (uint32_t j = 0; j < arm.joints; j++) {
+                /* the first joint turns all that weighs */
+                const double held = fmax(-32768, fmin(32768, want[j]));
+                most_nm = fmax(most_nm, fabs(want[j]));
+                ck_assert_msg(fabs(D(got[j], 16) - held) < 1, "arm %d joint %u: %.3f, the law says %.3f",
+                              n, j, D(got[j], 16), want[j]);
+            }
+            hdt_chain_gravity(&arm, m, got);
+            ref_gravity(&arm, q, want);
+            for (uint32_t j = 0; j < arm.joints; j++)
+                ck_assert_double_eq_tol(D(got[j], 16), want[j], 0.1);
+        }
+    }
+    ck_assert_double_gt(least, 1); /* the random arms themselves are accepted */
+    ck_assert_double_gt(most_nm, 5000);
+}
+END_TEST
+
 START_TEST(test_terms_saturate_and_never_wrap)
 {
     /* extreme tables, as far as they are accepted, and motion: the sign of a term is the
@@ -347,6 +443,49 @@ START_TEST(test_terms_saturate_and_never_wrap)
 }
 END_TEST
 
+/* Tables the check would refuse and any motion: without meaning, but no undefined behaviour (the sanitizers
+ * look) and gravity within its bound. */
+START_TEST(test_the_chain_takes_any_numbers)
+{
+    const int32_t edge[] = {1 << 30, -(1 << 30), (1 << 30) - 1, 500 << 20, -(500 << 20), 1 << 20, 0, -1};
+    uint64_t r = 90;
+    int held = 0;
+    ref_random_arm(&r, HDT_JOINTS_MAX, &arm);
+    for (int n = 0; n < 5000; n++) {
+        struct hdt_motion m[HDT_JOINTS_MAX];
+        int32_t got[HDT_JOINTS_MAX];
+        memset(m, 0, sizeof m);
+        for (int i = 0; i < 3; i++)
+            arm.gravity_q24[i] = EDGE;
+        for (uint32_t j = 0; j < arm.joints; j++) {
+            struct hdt_joint_tab *tab = &arm.joint[j];
+            tab->chain = (uint32_t)test_random(&r) & 15u;
+            tab->twist_cos_q30 = EDGE;
+            tab->twist_sin_q30 = EDGE;
+            for (int i = 0; i < 2; i++) {
+                tab->step_q24[i] = (int32_t)hdt_clamp(2 * (int64_t)EDGE, -INT32_MAX, INT32_MAX);
+                tab->moment_q20[i] = EDGE / 2;
+            }
+            for (int i = 0; i < 5; i++)
+                tab->second_q20[i] = EDGE / 2;
+            m[j].sin_q30 = EDGE;
+            m[j].cos_q30 = EDGE;
+            m[j].v_ref_q24 = EDGE;
+            m[j].a_ref_q16 = EDGE;
+        }
+        hdt_chain_gravity(&arm, m, got);
+        for (uint32_t j = 0; j < arm.joints; j++) {
+            ck_assert(got[j] >= -HDT_GRAVITY_MAX_Q16 && got[j] <= HDT_GRAVITY_MAX_Q16);
+            held += got[j] == -HDT_GRAVITY_MAX_Q16 || got[j] == HDT_GRAVITY_MAX_Q16;
+        }
+        hdt_chain_inertia(&arm, m, got);
+        for (uint32_t j = 0; j < arm.joints; j++)
+            ck_assert_int_ne(got[j], INT32_MIN);
+    }
+    ck_assert_int_gt(held, 1000);
+}
+END_TEST
+
 static Suite *comp_suite(void)
 {
     Suite *s = suite_create("comp");
@@ -363,6 +502,8 @@ static Suite *comp_suite(void)
     tcase_add_loop_test(chain, test_gravity_is_the_gradient_of_potential_energy, 1, HDT_JOINTS_MAX + 1);
     tcase_add_loop_test(chain, test_inertia_agrees_with_projection_in_the_base_frame, 1, HDT_JOINTS_MAX + 1);
     tcase_add_test(chain, test_mass_matrix_is_symmetric);
+    tcase_add_loop_test(chain, test_no_vector_leaves_32_bits_in_any_arm_accepted, 1, HDT_JOINTS_MAX + 1);
+    tcase_add_test(edges, test_the_chain_takes_any_numbers);
     tcase_add_test(edges, test_terms_saturate_and_never_wrap);
     suite_add_tcase(s, one);
     suite_add_tcase(s, chain);

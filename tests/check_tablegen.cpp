@@ -420,10 +420,13 @@ static const Refused refused_table[] = {
     {[](hdt_arm *a) { a->joint[1].v_max_radps = 40; },
      "joint.5.limits.speed: expected joint speeds"},
     {[](hdt_arm *a) {
-         a->joint[1].moment_kgm[0] = 1000;
-         a->joint[2].moment_kgm[0] = 1000;
+         a->joint[1].moment_kgm[0] = 490;
+         a->joint[2].moment_kgm[0] = 490;
+         a->joint[3].moment_kgm[0] = 100;
      },
-     "joint.3.link.com: expected a holding torque below 16384 N.m"},
+     "joint.4.link.com: expected a holding torque below 16384 N.m"},
+    {[](hdt_arm *a) { a->joint[1].moment_kgm[0] = 600; },
+     "joint.2.link.com: expected a holding torque below 16384 N.m"},
     {[](hdt_arm *a) { a->joint[6].inertia_kgm2[0] = 2000; },
      "joint.6.link.inertia: expected forces"},
     {[](hdt_arm *a) {

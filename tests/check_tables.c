@@ -213,6 +213,8 @@ static const struct edge head_edges[] = {
 static const struct edge joint_edges[] = {
     JOINT(terms, 0, 0, (1 << HDT_TERMS) - 1),
     JOINT(zero_cnt, 0, -INT32_MAX, INT32_MAX),
+    JOINT(moment_q20, 1, -(500 << 20), 500 << 20),
+    JOINT(second_q20, 3, -(500 << 20), 500 << 20),
     JOINT(rotor_q20, 0, 0, INT32_MAX),
     JOINT(v_ramp_inv_q16, 0, 1, INT32_MAX),
     JOINT(friction_q16[1], 60, -(1 << 30), 1 << 30),
@@ -474,11 +476,16 @@ START_TEST(test_an_arm_too_fast_or_too_heavy_for_the_sums_is_refused)
 
     /* all links together at most 60 rad/s */
     ck_assert_double_eq_tol(D(largest_accepted(&b->v_lim_q24, "v_lim_q24", 1), 24), 59, 0.01);
-    /* |U| <= 10 + a + 2 (1 + 1)^2 rad/s^2 below 7936 */
-    ck_assert_double_eq_tol(D(largest_accepted(&b->a_lim_q16, "a_lim_q16", 1), 16), 7936 - 10 - 8, 1);
-    /* |a| <= (1000 + 2) rad/s^2 * step below 7936 m/s^2 */
+    /* |U| <= 10 + a + 1 * 1 + (1 + 1)^2 rad/s^2 below 7936 */
+    ck_assert_double_eq_tol(D(largest_accepted(&b->a_lim_q16, "a_lim_q16", 1), 16), 7936 - 10 - 5, 0.1);
+    /* |a| <= (1000 + 1) rad/s^2 * step below 7936 m/s^2 */
     a->a_lim_q16 = 1000 << 16;
-    ck_assert_double_eq_tol(D(largest_accepted(&b->step_q24[0], "step_q24", 1), 24), 7936 / 1002.0, 0.01);
+    ck_assert_double_eq_tol(D(largest_accepted(&b->step_q24[0], "step_q24", 1), 24), 7936 / 1001.0, 0.01);
+    /* a step aslant counts as the longer part and 27/64 of the shorter */
+    b->step_q24[1] = 2 << 24;
+    ck_assert_double_eq_tol(D(largest_accepted(&b->step_q24[0], "step_q24", 1), 24),
+                            7936 / 1001.0 - 27 / 32.0, 0.01);
+    b->step_q24[1] = 0;
     /* whose product 64 bits do not hold */
     const char *where = "";
     a->a_lim_q16 = 7000 << 16;
@@ -488,16 +495,67 @@ START_TEST(test_an_arm_too_fast_or_too_heavy_for_the_sums_is_refused)
     b->step_q24[0] = 1 << 24;
     b->step_q24[1] = 0;
     a->a_lim_q16 = 10 << 16;
-    /* h below 1024 kg.m, g h below 16384 N.m */
-    ck_assert_double_eq_tol(D(largest_accepted(&b->moment_q20[0], "moment_q20", 1), 20), 1024, 1);
+    /* one link's h 500 kg.m, g h below 16384 N.m, all h together below 1024 kg.m */
+    ck_assert_int_eq(largest_accepted(&b->moment_q20[0], "moment_q20", 1), 500 << 20);
     arm.gravity_q24[2] = -(40 << 24);
-    ck_assert_double_eq_tol(D(largest_accepted(&b->moment_q20[0], "moment_q20", 1), 20), 16384 / 40.0, 1);
+    ck_assert_double_eq_tol(D(largest_accepted(&b->moment_q20[0], "moment_q20", 1), 20), 16384 / 40.0, 1e-3);
     arm.gravity_q24[2] = -(10 << 24);
+    a->moment_q20[0] = 400 << 20;
+    b->moment_q20[1] = 500 << 20;
+    b->step_q24[0] = 0;
+    ref_chain_flags(&arm);
+    ck_assert_double_eq_tol(D(largest_accepted(&b->moment_q20[0], "moment_q20", 1), 20),
+                            124 / (27 / 64.0), 1e-3);
+    /* forces below 31744 N: (10 + 1) rad/s^2 * 400 kg.m, and (a + 15) rad/s^2 * 500 kg.m */
+    ck_assert_double_eq_tol(D(largest_accepted(&b->a_lim_q16, "second_q20", 1), 16),
+                            (31744 - 4400) / 500.0 - 15, 1e-2);
+    a->moment_q20[0] = b->moment_q20[1] = 0;
     b->a_lim_q16 = 100 << 16;
-    /* moments of force below 31 << 12 N.m: (10 + 100 + 8) rad/s^2 * 2 * second */
+    b->step_q24[0] = 1 << 24;
+    ref_chain_flags(&arm);
+    /* moments of force below 31744 N.m: (10 + 100 + 1 + 4) rad/s^2 * second */
     b->chain |= HDT_CHAIN_SKEW;
     b->second_q20[1] = 1;
-    ck_assert_double_eq_tol(D(largest_accepted(&b->second_q20[1], "second_q20", 1), 20), 126976 / 236.0, 1);
+    ck_assert_double_eq_tol(D(largest_accepted(&b->second_q20[1], "second_q20", 1), 20), 31744 / 115.0, 1e-2);
+    /* the same with 10 m/s^2 * 100 kg.m of the origin, and 115 rad/s^2 * 100 kg.m at 1 m from the base */
+    b->moment_q20[1] = 100 << 20;
+    ck_assert_double_eq_tol(D(largest_accepted(&b->second_q20[1], "second_q20", 1), 20),
+                            (31744 - 11 * 100 - 115 * 100) / 115.0, 1e-2);
+    /* and no link alone above 500 kg.m^2 */
+    b->moment_q20[1] = 0;
+    b->a_lim_q16 = 10 << 16;
+    ck_assert_int_eq(largest_accepted(&b->second_q20[1], "second_q20", 1), 500 << 20);
+}
+END_TEST
+
+START_TEST(test_a_moment_beyond_64_bits_is_refused)
+{
+    /* slow links 180 m apart and a last one that jerks: force times way is 2^64 to 2^66, of which 64 bits may
+     * keep little */
+    uint64_t r = 17;
+    ref_random_arm(&r, 16, &arm);
+    for (int j = 0; j < 16; j++) {
+        struct hdt_joint_tab *k = &arm.joint[j];
+        memset(k->moment_q20, 0, sizeof k->moment_q20);
+        memset(k->second_q20, 0, sizeof k->second_q20);
+        memset(k->stiffness, 0, sizeof k->stiffness);
+        k->step_q24[0] = k->step_q24[1] = INT32_MAX;
+        k->v_lim_q24 = k->a_lim_q16 = 1;
+    }
+    memset(arm.gravity_q24, 0, sizeof arm.gravity_q24);
+    ref_chain_flags(&arm);
+    ck_assert_int_eq(hdt_tables_check(&arm, NULL, NULL), HDT_TABLES_OK);
+    arm.joint[15].a_lim_q16 = 60 << 16;
+    int wrapped = 0;
+    for (int sixteenth = 1600; sixteenth <= 8000; sixteenth++) {
+        const char *where = "";
+        const double product = ldexp(60.0 / 16 * sixteenth, 16) * ldexp(16 * 128 * (1 + 27 / 64.0), 24);
+        arm.joint[15].moment_q20[0] = sixteenth << 16;
+        ck_assert_int_eq(hdt_tables_check(&arm, &where, NULL), HDT_TABLES_RANGE);
+        ck_assert_str_eq(where, "second_q20");
+        wrapped += fmod(product, 0x1p64) < 0x1p54;
+    }
+    ck_assert_int_gt(wrapped, 3);
 }
 END_TEST
 
@@ -544,14 +602,14 @@ START_TEST(test_windup_at_the_last_slope_accepted_stays_a_number)
         memset(j->stiffness, 0, sizeof j->stiffness);
         j->terms = 1u << HDT_TERM_STIFFNESS | (n & 2 ? 1u << HDT_TERM_SPRING : 0u);
         j->moment_q20[0] = 200 << 20;
+        j->moment_q20[1] = 0;
         for (int i = 0; i < 3; i++)
             arm.gravity_q24[i] = i == n % 3 ? 10 << 24 : 0;
         way->intercept_q16[1] = (int32_t)test_uniform(&r, 0, 0x1p30);
         way->slope_q24[1] = 1;
         const int64_t most = largest_accepted(&way->slope_q24[1], "stiffness", 0);
         /* the load there can be: |g| |h|, and the spring's */
-        int64_t load = (int64_t)((10 * 200.0 + fabs(D(j->moment_q20[1], 20)) * 10) * 65536)
-                       + (n & 2 ? HDT_SPRING_MAX_Q16 : 0);
+        int64_t load = (int64_t)(10 * 200 * 65536) + (n & 2 ? HDT_SPRING_MAX_Q16 : 0);
         for (int side = 0; side < 2; side++) {
             way->slope_q24[1] = (int32_t)most;
             way->intercept_q16[1] = side ? -way->intercept_q16[1] : way->intercept_q16[1];
@@ -614,6 +672,7 @@ static Suite *tables_suite(void)
     tcase_add_test(c, test_check_names_what_does_not_fit_together);
     tcase_add_test(c, test_any_stable_low_pass_is_accepted);
     tcase_add_test(c, test_an_arm_too_fast_or_too_heavy_for_the_sums_is_refused);
+    tcase_add_test(c, test_a_moment_beyond_64_bits_is_refused);
     tcase_add_test(c, test_the_proof_assumes_no_low_pass_but_those_accepted);
     tcase_add_test(c, test_the_shortest_and_longest_period_are_the_ranges);
     tcase_add_test(c, test_friction_at_the_last_slope_accepted_stays_a_number);

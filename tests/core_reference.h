@@ -441,9 +441,9 @@ static inline double ref_gravity_tolerance(const struct hdt_tables *t)
     return LSB_NM + sqrt(t->joints) * (0x1p-20 * g + 0x1p-24 * h + 4e-9 * g * h);
 }
 
-/* Each link adds roundings of q20 to the acceleration of its points, which its moments feel, and of
- * q16 to force and moment, which the links before feel at their lever arm; independent, so the sum
- * grows with the root. */
+/* Each link adds roundings of q18, a quarter of one on average, to the acceleration of its points, which its
+ * moments feel, and of q16 to force and moment, which the links before feel at their lever arm; independent,
+ * so the sum grows with the root. */
 static inline double ref_inertia_tolerance(const struct hdt_tables *t)
 {
     double moments = 0;
