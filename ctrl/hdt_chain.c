@@ -22,19 +22,19 @@ static inline int32_t low(int64_t x)
 }
 
 /* a * b + c * d and a * b - c * d, over 2^n */
-static inline int32_t add(int64_t a, int64_t b, int64_t c, int64_t d, unsigned n)
+static inline int32_t dot2(int64_t a, int64_t b, int64_t c, int64_t d, unsigned n)
 {
     return low(hdt_shr(a * b + c * d, n));
 }
 
-static inline int64_t difference(int64_t a, int64_t b, int64_t c, int64_t d, unsigned n)
+static inline int64_t wide_cross2(int64_t a, int64_t b, int64_t c, int64_t d, unsigned n)
 {
     return hdt_shr(a * b - c * d, n);
 }
 
-static inline int32_t sub(int64_t a, int64_t b, int64_t c, int64_t d, unsigned n)
+static inline int32_t cross2(int64_t a, int64_t b, int64_t c, int64_t d, unsigned n)
 {
-    return low(difference(a, b, c, d, n));
+    return low(wide_cross2(a, b, c, d, n));
 }
 
 /* v += by */
@@ -50,11 +50,11 @@ static inline void turn_in(const struct hdt_joint_tab *tab, const struct hdt_mot
 {
     const int right = (tab->chain & HDT_CHAIN_RIGHT) != 0;
     const int32_t c = m->cos_q30, s = m->sin_q30, x = v->x;
-    const int32_t y = right ? v->z : add(tab->twist_cos_q30, v->y, tab->twist_sin_q30, v->z, 30);
+    const int32_t y = right ? v->z : dot2(tab->twist_cos_q30, v->y, tab->twist_sin_q30, v->z, 30);
 
-    v->z = right ? low(-(int64_t)v->y) : sub(tab->twist_cos_q30, v->z, tab->twist_sin_q30, v->y, 30);
-    v->x = add(c, x, s, y, 30);
-    v->y = sub(c, y, s, x, 30);
+    v->z = right ? low(-(int64_t)v->y) : cross2(tab->twist_cos_q30, v->z, tab->twist_sin_q30, v->y, 30);
+    v->x = dot2(c, x, s, y, 30);
+    v->y = cross2(c, y, s, x, 30);
 }
 
 /* v := Rx Rz v, from this link's axes to the previous link's. */
@@ -62,11 +62,11 @@ static inline void turn_out(const struct hdt_joint_tab *tab, const struct hdt_mo
 {
     const int right = (tab->chain & HDT_CHAIN_RIGHT) != 0;
     const int32_t c = m->cos_q30, s = m->sin_q30, z = v->z;
-    const int32_t x = sub(c, v->x, s, v->y, 30), y = add(s, v->x, c, v->y, 30);
+    const int32_t x = cross2(c, v->x, s, v->y, 30), y = dot2(s, v->x, c, v->y, 30);
 
     v->x = x;
-    v->y = right ? low(-(int64_t)z) : sub(tab->twist_cos_q30, y, tab->twist_sin_q30, z, 30);
-    v->z = right ? y : add(tab->twist_sin_q30, y, tab->twist_cos_q30, z, 30);
+    v->y = right ? low(-(int64_t)z) : cross2(tab->twist_cos_q30, y, tab->twist_sin_q30, z, 30);
+    v->z = right ? y : dot2(tab->twist_sin_q30, y, tab->twist_cos_q30, z, 30);
 }
 
 /* ---- gravity ---- */
@@ -89,7 +89,7 @@ void hdt_chain_gravity(const struct hdt_tables *t, const struct hdt_motion m[], 
         const struct hdt_joint_tab *tab = &t->joint[j];
         h.x = low((int64_t)h.x + tab->moment_q20[0]);
         h.y = low((int64_t)h.y + tab->moment_q20[1]);
-        tau_q16[j] = (int32_t)hdt_within(difference(h.y, gx[j], h.x, gy[j], 28), HDT_GRAVITY_MAX_Q16);
+        tau_q16[j] = (int32_t)hdt_within(wide_cross2(h.y, gx[j], h.x, gy[j], 28), HDT_GRAVITY_MAX_Q16);
         turn_out(tab, &m[j], &h);
     }
 }
@@ -135,8 +135,8 @@ static inline void next_link(const struct hdt_joint_tab *tab, const struct hdt_m
     if (tab->chain & HDT_CHAIN_FAR) {
         if (tab->chain & HDT_CHAIN_STEP) {
             const int64_t px = tab->step_q24[0], py = tab->step_q24[1];
-            const struct vec step = {add(k->ux.x, px, k->uy.x, py, 24), add(k->ux.y, px, k->uy.y, py, 24),
-                                     add(k->ux.z, px, k->uy.z, py, 24)};
+            const struct vec step = {dot2(k->ux.x, px, k->uy.x, py, 24), dot2(k->ux.y, px, k->uy.y, py, 24),
+                                     dot2(k->ux.z, px, k->uy.z, py, 24)};
             plus(&k->a, &step);
         }
         turn_in(tab, m, &k->a);
@@ -175,9 +175,9 @@ static inline void link_wrench(const struct hdt_joint_tab *tab, const struct lin
     if (tab->chain & HDT_CHAIN_SKEW)
         skew_moment(tab, k, &n);
     if (tab->chain & HDT_CHAIN_FAR) {
-        out->f.x = add(k->ux.x, sx, k->uy.x, sy, 22);
-        out->f.y = add(k->ux.y, sx, k->uy.y, sy, 22);
-        out->f.z = add(k->ux.z, sx, k->uy.z, sy, 22);
+        out->f.x = dot2(k->ux.x, sx, k->uy.x, sy, 22);
+        out->f.y = dot2(k->ux.y, sx, k->uy.y, sy, 22);
+        out->f.z = dot2(k->ux.z, sx, k->uy.z, sy, 22);
         n.x += sy * k->a.z;
         n.y -= sx * k->a.z;
         n.z += sx * k->a.y - sy * k->a.x;
@@ -200,7 +200,7 @@ static inline void previous_link(const struct hdt_joint_tab *tab, const struct h
         const int64_t px = tab->step_q24[0], py = tab->step_q24[1];
         n->x = low(n->x + hdt_shr(py * f->z, 24));
         n->y = low(n->y - hdt_shr(px * f->z, 24));
-        n->z = low(n->z + difference(px, f->y, py, f->x, 24));
+        n->z = low(n->z + wide_cross2(px, f->y, py, f->x, 24));
     }
 }
 

@@ -58,7 +58,8 @@ int32_t hdt_comp_hysteresis(const struct hdt_joint_tab *j, const struct hdt_moti
     return hdt_sat(hdt_shr(up + down + hdt_shr((up - down) * m->wound_q30, 30), 1));
 }
 
-/* Overflow: values are below 2^15 (q8), so 2^16 * 2^31 at most. */
+/* N.m q16, linear between knots, the ends held outside.
+ * Overflow: 2^24 * 2^31; the result lies between two knots, below 2^23, and is clamped there. */
 static int64_t curve_q16(const struct hdt_curve_tab *c, int32_t x)
 {
     const int64_t last = (int64_t)(HDT_CURVE_KNOTS - 1) << c->shift;
@@ -66,9 +67,7 @@ static int64_t curve_q16(const struct hdt_curve_tab *c, int32_t x)
     const int64_t at = past >> c->shift, k = at < HDT_CURVE_KNOTS - 1 ? at : HDT_CURVE_KNOTS - 2;
     const int64_t part = past - (k << c->shift);
     const int64_t here = c->value_q8[k] * (int64_t)256, next = c->value_q8[k + 1] * (int64_t)256;
-    const int64_t value = here + hdt_shr((next - here) * part, c->shift);
-    /*@ assert between_knots: -(1 << 23) <= value < (1 << 23); */
-    return value;
+    return hdt_within(here + hdt_shr((next - here) * part, c->shift), 1 << 23);
 }
 
 int32_t hdt_comp_local(const struct hdt_joint_tab *j, const struct hdt_motion *m)

@@ -65,7 +65,7 @@ static inline int32_t hdt_comp_direction_q30(const struct hdt_joint_tab *j, int3
 
 /* dir * (f0 + fv |v| + fs (1 - exp(-|v|/vc))), the bracket from knots per direction [Kennedy and
  * Desai 2005, eq. 7]; beyond the last knot its last slope goes on.
- * Overflow: knots below 2^30, so 2^31 * 2^31; hdt_tables_check bounds the curve up to v_lim. */
+ * Overflow: knots below 2^30, so 2^31 * 2^31; clamped, though hdt_tables_check bounds the curve to v_lim. */
 static inline int32_t hdt_comp_friction(const struct hdt_joint_tab *j, const struct hdt_motion *m)
 {
     const int32_t *knot = j->friction_q16[m->dir_q30 < 0];
@@ -77,8 +77,7 @@ static inline int32_t hdt_comp_friction(const struct hdt_joint_tab *j, const str
     const uint32_t k = at < HDT_FRICTION_KNOTS - 1 ? at : HDT_FRICTION_KNOTS - 2;
     const int64_t past = (int64_t)speed_q24 - (int64_t)(k << shift);
     const int64_t value = knot[k] + hdt_shr(((int64_t)knot[k + 1] - knot[k]) * past, shift);
-    /*@ assert friction_ok: -INT32_MAX <= value <= INT32_MAX; */
-    return (int32_t)hdt_shr(value * m->dir_q30, 30);
+    return (int32_t)hdt_shr(hdt_sat(value) * (int64_t)m->dir_q30, 30);
 }
 
 /* dir * r(wave-generator phase) [ibid., Table III].  Overflow: below 2^20 (q12), none. */
@@ -97,22 +96,20 @@ static inline int32_t hdt_comp_ripple(const struct hdt_joint_tab *j, const struc
 }
 
 /* The line of one direction at a load. */
-static inline int64_t hdt_comp_windup(const struct hdt_stiffness_tab *s, int32_t load_q16)
+static inline int32_t hdt_comp_windup(const struct hdt_stiffness_tab *s, int32_t load_q16)
 {
     const int line = (load_q16 >= s->t1_q16) + (load_q16 > s->t2_q16);
 
     /* q24 * q16 = q40 -> q16 */
-    const int64_t value = s->intercept_q16[line] + hdt_shr((int64_t)s->slope_q24[line] * load_q16, 24);
-    /*@ assert stiffness_ok: -INT32_MAX <= value <= INT32_MAX; */
-    return value;
+    return hdt_sat(s->intercept_q16[line] + hdt_shr((int64_t)s->slope_q24[line] * load_q16, 24));
 }
 
 /* |dir| * line(load), one of three lines by load, a set for each direction [ibid., Table V].
- * Overflow: hdt_tables_check bounds every line at every load there can be. */
+ * Overflow: a line is clamped, though hdt_tables_check bounds it at every load there can be. */
 static inline int32_t hdt_comp_stiffness(const struct hdt_joint_tab *j, const struct hdt_motion *m,
                                          int32_t load_q16)
 {
-    const int32_t share_q30 = m->dir_q30 < 0 ? -m->dir_q30 : m->dir_q30;
+    const int64_t share_q30 = m->dir_q30 < 0 ? -m->dir_q30 : m->dir_q30;
     return (int32_t)hdt_shr(hdt_comp_windup(&j->stiffness[m->dir_q30 < 0], load_q16) * share_q30, 30);
 }
 

@@ -45,7 +45,7 @@ static int64_t limit_torque(const struct hdt_joint_tab *tab, int32_t total_q16, 
 {
     /* q16 * q24 -> whole digits */
     const int64_t wanted = hdt_shr((int64_t)total_q16 * tab->digit_per_nm_q24, 40);
-    const int64_t held = hdt_within(wanted, tab->dig_max);
+    const int64_t held = hdt_clamp(wanted, -tab->dig_max, tab->dig_max);
     const int64_t digit = hdt_clamp(held, last - tab->dig_slew, last + tab->dig_slew);
 
     if (held != wanted)
@@ -63,7 +63,7 @@ static int64_t limit_torque(const struct hdt_joint_tab *tab, int32_t total_q16, 
 static int64_t limit_speed(const struct hdt_joint_tab *tab, int32_t v_q24, int32_t q_q24, uint32_t *limit)
 {
     const int64_t wanted = hdt_shr((int64_t)v_q24 * SPEED_DIGIT_PER_RADPS, 24);
-    const int64_t word = hdt_within(wanted, tab->spd_max);
+    const int64_t word = hdt_clamp(wanted, -tab->spd_max, tab->spd_max);
 
     if (word != wanted)
         *limit |= HDT_LIM_SPEED;

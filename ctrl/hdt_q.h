@@ -43,19 +43,13 @@ static inline int64_t hdt_shr(int64_t x, unsigned n)
     return (x + ((int64_t)1 << (n - 1u))) >> n;
 }
 
-/* Is x outside -bound .. bound?  bound >= 0.  Modulo 2^64 the range begins at 0 and is one comparison. */
-static inline int hdt_beyond(int64_t x, int64_t bound)
-{
-    return (uint64_t)x + (uint64_t)bound > (uint64_t)bound * 2u;
-}
-
-/* x within -bound .. bound; bound >= 0. */
+/* x within -bound .. bound; bound >= 0.  Modulo 2^64 the range begins at 0 and is one comparison. */
 static inline int64_t hdt_within(int64_t x, int64_t bound)
 {
-    if (hdt_beyond(x, bound))
+    const uint64_t up = (uint64_t)x + (uint64_t)bound;
+    if (up > (uint64_t)bound * 2u)
         return x < 0 ? -bound : bound;
-    /*@ assert not_beyond: -bound <= x <= bound; */
-    return x;
+    return (int64_t)up - bound;
 }
 
 /* Overflow: clamped to +-(2^31 - 1), symmetric so that negation never overflows. */
