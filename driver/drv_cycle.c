@@ -98,6 +98,36 @@ static int drain(struct drv_cycle *c)
     return fresh;
 }
 
+/* Axes told servo-on that have been off for too long, by the reply that just came. */
+static void watch_power(struct drv_cycle *c)
+{
+    unsigned most = DRV_CYCLE_ON_MS * 1000000u / c->core.tables->period_ns;
+    c->unpowered = 0;
+    for (unsigned j = 0; j < DRV_AXES; j++) {
+        int on = (c->last.axis[j].status & (DRV_AXIS_POWER_OFF | DRV_AXIS_UNCONTROLLABLE)) == 0;
+        if (on || (c->told_on >> j & 1u) == 0)
+            c->off[j] = 0;
+        else if (c->off[j] <= most)
+            c->off[j]++;
+        if (c->off[j] > most)
+            c->unpowered |= 1u << j;
+    }
+}
+
+/* Joints that may not be driven on, by the state that just came. */
+static uint32_t alarms_of(struct drv_cycle *c, uint32_t active)
+{
+    uint32_t all = (1u << c->core.tables->joints) - 1u, axes = 0;
+    for (unsigned j = 0; j < DRV_AXES; j++)
+        if ((c->last.axis[j].status & DRV_AXIS_ALARM_MASK) != 0)
+            axes |= 1u << j;
+    watch_power(c);
+    /* an alarm of the driver or of an axis nobody drives stops those that are driven */
+    if ((c->last.driver_status & DRV_AXIS_ALARM_MASK) != 0 || (axes & ~(active & all)) != 0)
+        return all;
+    return axes | c->unpowered;
+}
+
 /* Receive, and fill in what the core gets from the servo. */
 static void receive(struct drv_cycle *c, struct hdt_in *in)
 {
@@ -112,14 +142,9 @@ static void receive(struct drv_cycle *c, struct hdt_in *in)
     in->fresh = fresh ? all : 0u;
     /* the servo answers a command at once, so the counts are as old as the command: a period */
     in->count_us = c->rec.in.t_us;
-    in->servo_alarm = 0;
-    for (unsigned j = 0; j < joints; j++) {
+    for (unsigned j = 0; j < joints; j++)
         in->count[j].raw = c->last.axis[j].count;
-        if (fresh && (c->last.axis[j].status & DRV_AXIS_ALARM_MASK) != 0)
-            in->servo_alarm |= 1u << j;
-    }
-    if (fresh && (c->last.driver_status & DRV_AXIS_ALARM_MASK) != 0)
-        in->servo_alarm |= all;
+    in->servo_alarm = fresh ? alarms_of(c, in->active) : 0u;
 }
 
 static int send_telegram(struct drv_cycle *c, struct drv_command *cmd)
@@ -196,6 +221,7 @@ static void send_cyclic(struct drv_cycle *c, const struct hdt_in *in, const stru
                         int safe)
 {
     struct drv_command cmd;
+    uint32_t on = 0;
     unsigned joints = c->core.tables->joints;
     memset(&cmd, 0, sizeof cmd);
     cmd.type = DRV_CYCLIC;
@@ -204,8 +230,10 @@ static void send_cyclic(struct drv_cycle *c, const struct hdt_in *in, const stru
         if (safe || j >= joints || (in->active >> j & 1u) == 0)
             continue;
         command_axis(c, j, in->mode, out, &cmd);
+        on |= cmd.axis[j].mode & DRV_AXIS_SERVO ? 1u << j : 0u;
     }
     (void)send_telegram(c, &cmd);
+    c->told_on = on;
 }
 
 static void record(struct drv_cycle *c)
@@ -290,7 +318,7 @@ void drv_cycle_restart(struct drv_cycle *c)
     lose_link(c);
     c->link = DRV_LINK_STARTING;
     c->alarms = 0;
-    for (unsigned j = 0; j < c->core.tables->joints; j++)
+    for (unsigned j = 0; j < DRV_AXES; j++)
         if ((c->last.axis[j].status & DRV_AXIS_ALARM_MASK) != 0)
             c->alarms |= 1u << j;
     /* as after init: what the core knows is old, and that is meant */

@@ -31,6 +31,10 @@ enum drv_link {
 
 /* While starting or ending, ask again after this many periods without an answer. */
 #define DRV_CYCLE_RETRY 10
+/* An axis told servo-on that still reports power off or uncontrollable after this long is in alarm.
+ * Not at once: the reply to the command that switches on is of the moment before, and a power stage and
+ * its brake take some tens of ms; no source says how long this driver's do. */
+#define DRV_CYCLE_ON_MS 50
 /* Frames looked at in one period; more than a peer can have answered, so that a flood cannot hold
  * the period up. */
 #define DRV_CYCLE_DRAIN 32
@@ -64,6 +68,9 @@ struct drv_cycle {
     int started;                    /* a state has arrived since init or restart         */
     int in_step;                    /* a state has arrived since the link was last up    */
     int end_answered;
+    uint32_t told_on;               /* bit per axis: told servo-on by the command awaiting its reply */
+    uint32_t unpowered;             /* bit per axis: told servo-on for DRV_CYCLE_ON_MS and still off */
+    unsigned off[DRV_AXES];         /* replies in a row by which it was so far */
     struct drv_state last;          /* last good state telegram, torque in 0.001 N.m digits */
     struct drv_counters count;
     struct drv_record rec;          /* of this period; too large for a real-time stack */
@@ -79,7 +86,7 @@ int drv_cycle_init(struct drv_cycle *c, const struct hdt_tables *t, const struct
  * 0.001 N.m motor side, which Format B's torque words count in; with Format A it may be NULL.
  * The core, the record and `last` have digits of 0.001 N.m in both formats: the conversion is exact,
  * rounded half to even, and saturates at the ends of a word.  In Format B a driven axis also stops
- * on an alarm of another (DRV_AXIS_STOP_ALL).
+ * on an alarm of another (DRV_AXIS_STOP_ALL), as in Format A every axis does.
  * Errors: HDT_ERR_ARG (no such format; Format B and a joint without rated torque), nothing changed.
  * Context: start-up, after drv_cycle_init and before the first period. */
 int drv_cycle_set_format(struct drv_cycle *c, enum drv_format format, const uint16_t *rated_mnm);
@@ -100,7 +107,11 @@ int drv_cycle_set_format(struct drv_cycle *c, enum drv_format format, const uint
  * - from a broken link until the first state after it the mode is idle.  Joints stay active, so the
  *   core's stale fault latches when that takes too long.
  * servo_alarm comes with fresh states only: an alarm seen once is latched by the core, and an old
- * one does not outlive drv_cycle_restart.
+ * one does not outlive drv_cycle_restart.  It is set
+ * - for a joint whose axis reports an alarm;
+ * - for every joint when the driver reports one, or an axis that is not driven: the servo stops them all;
+ * - for a joint told servo-on whose axis still reports power off or uncontrollable after
+ *   DRV_CYCLE_ON_MS (`unpowered`): the servo has left control mode, and says so in no other way.
  *
  * Errors: of hdt_step; then every axis is told brake on, zero, and no record is made.  What the bus
  * does is no error but a counter, since the period has to go on.

@@ -279,6 +279,7 @@ static void latch(struct drv_host *h)
     h->fault.fault = h->out.fault;
     h->fault.joints = h->out.fault_joints;
     h->fault.driver_status = h->cycle.last.driver_status;
+    h->fault.unpowered = h->cycle.unpowered;
     for (unsigned j = 0; j < DRV_AXES; j++)
         h->fault.status[j] = h->cycle.last.axis[j].status;
     memcpy(h->fault.q_ref, h->in.q_ref, sizeof h->fault.q_ref);

@@ -73,6 +73,7 @@ struct drv_host_fault {
     uint32_t fault, joints;       /* enum hdt_fault; bit per joint */
     uint16_t status[DRV_AXES];    /* as the servo reported them */
     uint16_t driver_status;
+    uint32_t unpowered;           /* bit per axis: told servo-on, yet reported off: drv_cycle */
     hdt_rad_t q_ref[HDT_JOINTS_MAX], q[HDT_JOINTS_MAX];
     hdt_radps_t v[HDT_JOINTS_MAX];
 };

@@ -52,6 +52,9 @@ static void add_alarms(struct text *t, const struct drv_host_fault *f)
         unsigned alarm = (f->status[j] & DRV_AXIS_ALARM_MASK) >> DRV_ALARM_SHIFT;
         if (alarm != 0)
             add(t, "; axis %u: %s (0x%02x)", j + 1, drv_alarm_str(alarm), alarm);
+        else if (f->unpowered >> j & 1u)
+            add(t, "; axis %u: servo %s though told on: did it leave control mode?", j + 1,
+                f->status[j] & DRV_AXIS_POWER_OFF ? "power off" : "uncontrollable");
     }
 }
 

@@ -5,8 +5,10 @@
  */
 #include "driver/drv_cycle.h"
 #include "driver/drv_fault.h"
+#include "sim/servo.h"
 #include "tests/check_main.h"
 #include "tests/driver_rig.h"
+#include "tests/pa10_plant.h"
 
 /* Count allocations: the period must make none. */
 #if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__)
@@ -297,9 +299,8 @@ START_TEST(test_alarm_bits_reach_the_core)
         {0xff0, 0, 1u << 1},
         {0x010, 0, 1u << 1},
         {0, DRV_DRIVER_HOST_TIMEOUT << DRV_ALARM_SHIFT, 0x7f},
-        /* no alarms: limits, power off, driver flags */
-        {DRV_AXIS_LIMIT_POS | DRV_AXIS_LIMIT_NEG | DRV_AXIS_POWER_OFF | DRV_AXIS_UNCONTROLLABLE,
-            0xf00f, 0},
+        /* no alarms: limits, driver flags */
+        {DRV_AXIS_LIMIT_POS | DRV_AXIS_LIMIT_NEG, 0xf00f, 0},
     };
     for (unsigned k = 0; k < sizeof cases / sizeof cases[0]; k++) {
         struct rig r;
@@ -312,6 +313,159 @@ START_TEST(test_alarm_bits_reach_the_core)
         ck_assert_uint_eq(r.out.fault, cases[k].joints ? HDT_FAULT_SERVO : 0);
         ck_assert_uint_eq(r.out.fault_joints, cases[k].joints);
     }
+}
+END_TEST
+
+START_TEST(test_an_alarm_of_an_axis_not_driven_stops_the_driven_ones)
+{
+    /* of a joint that is not driven, and of an axis the arm has no joint for */
+    static const struct { unsigned axis, joints, active, told; } cases[] = {{6, 7, 1, 0x7f}, {5, 4, 3, 0xf}};
+    for (unsigned k = 0; k < sizeof cases / sizeof cases[0]; k++) {
+        struct rig r;
+        rig_init(&r, NULL);
+        struct hdt_tables t = *rig_tables();
+        struct hdt_bus spy = r.c.bus;
+        t.joints = cases[k].joints;
+        ck_assert_int_eq(drv_cycle_init(&r.c, &t, &spy, NULL), HDT_OK);
+        r.in.active = cases[k].active;
+        rig_periods(&r, 4);
+        ck_assert_int_eq(r.sent.axis[0].torque_dig, 20);
+        r.servo.state.axis[cases[k].axis].status = DRV_ALARM_POWER_MODULE << DRV_ALARM_SHIFT;
+        rig_periods(&r, 2);
+        ck_assert_uint_eq(r.in.servo_alarm, cases[k].told);
+        ck_assert_uint_eq(r.out.fault, HDT_FAULT_SERVO);
+        ck_assert_uint_eq(r.out.fault_joints, cases[k].active);
+        assert_all_braked(&r.sent);
+        /* and its alarm is cleared before control mode is asked for again */
+        drv_cycle_restart(&r.c);
+        rig_period(&r);
+        ck_assert_uint_eq(r.sent.type, DRV_CLEAR);
+        ck_assert_uint_eq(r.sent.axis_no, cases[k].axis + 1);
+    }
+}
+END_TEST
+
+/* Replies in a row after which an axis that stays off is an alarm, at 700 Hz: 50 ms and the first. */
+#define OFF_REPLIES 36u
+
+START_TEST(test_an_axis_that_stays_off_though_told_on_is_an_alarm)
+{
+    static const uint16_t off[] = {DRV_AXIS_POWER_OFF, DRV_AXIS_UNCONTROLLABLE};
+    struct rig r;
+    rig_init(&r, NULL);
+    r.in.active = 0x7d; /* joint 2 is not driven: it may be off */
+    r.servo.state.axis[1].status = DRV_AXIS_POWER_OFF;
+    rig_periods(&r, 300);
+    ck_assert_uint_eq(r.out.fault, 0);
+    /* a power stage that takes its time, and one that drops out for as long, are no alarm */
+    r.servo.state.axis[4].status = off[_i];
+    rig_periods(&r, OFF_REPLIES - 1);
+    r.servo.state.axis[4].status = 0;
+    rig_periods(&r, 2);
+    ck_assert_uint_eq(r.out.fault, 0);
+    r.servo.state.axis[4].status = off[_i];
+    rig_periods(&r, OFF_REPLIES);
+    ck_assert_uint_eq(r.out.fault, 0);
+    ck_assert_int_eq(r.sent.axis[0].torque_dig, 20);
+    rig_period(&r);
+    ck_assert_uint_eq(r.in.servo_alarm, 1u << 4);
+    ck_assert_uint_eq(r.c.unpowered, 1u << 4);
+    ck_assert_uint_eq(r.out.fault, HDT_FAULT_SERVO);
+    ck_assert_uint_eq(r.out.fault_joints, 1u << 4);
+    assert_all_braked(&r.sent);
+    /* told to brake, it is rightly off: clear leads back once it can be switched on */
+    rig_periods(&r, 3);
+    ck_assert_uint_eq(r.in.servo_alarm, 0);
+    r.servo.state.axis[4].status = 0;
+    drv_cycle_restart(&r.c);
+    ck_assert_int_eq(hdt_clear(&r.c.core), HDT_OK);
+    rig_periods(&r, 4);
+    ck_assert_uint_eq(r.out.fault, 0);
+    ck_assert_int_eq(r.sent.axis[0].torque_dig, 20);
+}
+END_TEST
+
+/* ---- the emulated servo on the other end: it leaves control mode, whatever the core's limits ---- */
+
+struct emulated {
+    struct drv_loop loop;
+    struct hdt_bus host, servo_bus;
+    struct plant_model model;
+    struct servo servo;
+    struct drv_cycle c;
+    struct hdt_in in;
+    struct hdt_out out;
+};
+
+static struct emulated *emulated_new(enum drv_format format, uint32_t active)
+{
+    static struct emulated w;
+    static const double q0[PA10_JOINTS] = {0};
+    struct servo_cfg cfg = {.format = format};
+    const char *why = "";
+    memset(&w, 0, sizeof w);
+    w.model = pa10_plant();
+    ck_assert_msg(plant_model_check(&w.model, &why) == 0, "%s", why);
+    drv_loop_pair(&w.loop, &w.host, &w.servo_bus);
+    servo_init(&w.servo, &w.model, &cfg, q0, 1);
+    ck_assert_int_eq(drv_cycle_init(&w.c, rig_tables(), &w.host, NULL), HDT_OK);
+    ck_assert_int_eq(drv_cycle_set_format(&w.c, format, rated_mnm), HDT_OK);
+    w.in.mode = HDT_MODE_TORQUE;
+    w.in.active = active;
+    w.in.t_us = 1000;
+    return &w;
+}
+
+static void emulated_period(struct emulated *w)
+{
+    w->in.t_us += 1429;
+    ck_assert_int_eq(drv_cycle_period(&w->c, &w->in, &w->out), HDT_OK);
+    ck_assert_int_ge(servo_serve(&w->servo, &w->servo_bus), 0);
+    servo_tick(&w->servo);
+    servo_tick(&w->servo);
+}
+
+/* Periods until the core's fault; it must have come within 60 ms. */
+static void emulated_faults(struct emulated *w)
+{
+    for (unsigned n = 0; w->out.fault == 0; n++) {
+        ck_assert_uint_lt(n, 60 * 7 / 10);
+        emulated_period(w);
+    }
+    ck_assert_uint_eq(w->out.fault, HDT_FAULT_SERVO);
+}
+
+START_TEST(test_a_servo_that_left_control_mode_is_noticed)
+{
+    enum drv_format format = _i ? DRV_FORMAT_B : DRV_FORMAT_A;
+    struct emulated *w = emulated_new(format, 1);
+    for (unsigned n = 0; n < 300; n++)
+        emulated_period(w);
+    ck_assert_uint_eq(w->out.fault, 0);
+    ck_assert_int_eq(w->servo.s.mode, SERVO_CONTROL);
+    ck_assert_uint_eq(w->servo.plant.locked & 1u, 0);
+    /* another axis' alarm */
+    w->servo.s.alarm[6] = DRV_ALARM_POWER_MODULE;
+    emulated_faults(w);
+    ck_assert_uint_eq(w->servo.plant.locked & 1u, 1);
+    /* a foreign 'E': no alarm, every 'C' is still answered */
+    w = emulated_new(format, 0x7f);
+    for (unsigned n = 0; n < 300; n++)
+        emulated_period(w);
+    ck_assert_uint_eq(w->out.fault, 0);
+    struct drv_command end = {.type = DRV_END, .seq = 200};
+    struct hdt_frame in, out;
+    ck_assert_int_eq(drv_command_encode(format, &end, &in), DRV_TELEGRAM_OK);
+    ck_assert_int_eq(servo_answer(&w->servo, &in, &out), 1);
+    emulated_faults(w);
+    ck_assert_uint_eq(w->c.unpowered, 0x7f);
+    /* cleared, it is in control mode again */
+    drv_cycle_restart(&w->c);
+    ck_assert_int_eq(hdt_clear(&w->c.core), HDT_OK);
+    for (unsigned n = 0; n < 300; n++)
+        emulated_period(w);
+    ck_assert_uint_eq(w->out.fault, 0);
+    ck_assert_int_eq(w->servo.s.mode, SERVO_CONTROL);
 }
 END_TEST
 
@@ -815,6 +969,9 @@ static Suite *cycle_suite(void)
     tcase_add_test(t, test_fewer_joints_than_axes_leave_the_rest_braked);
     tcase_add_test(t, test_a_core_fault_brakes_every_axis_and_the_bus_goes_on);
     tcase_add_test(t, test_alarm_bits_reach_the_core);
+    tcase_add_test(t, test_an_alarm_of_an_axis_not_driven_stops_the_driven_ones);
+    tcase_add_loop_test(t, test_an_axis_that_stays_off_though_told_on_is_an_alarm, 0, 2);
+    tcase_add_loop_test(t, test_a_servo_that_left_control_mode_is_noticed, 0, 2);
     tcase_add_test(t, test_silence_longer_than_stale_latches_and_brakes);
     tcase_add_test(t, test_time_standing_still_is_an_error_that_brakes);
     suite_add_tcase(s, t);

@@ -335,6 +335,27 @@ START_TEST(test_a_fault_says_joint_value_and_limit_and_clear_leads_back)
 }
 END_TEST
 
+START_TEST(test_a_servo_that_left_control_mode_is_said_and_clear_leads_back)
+{
+    struct world *w = world_new((struct drv_host_cfg){.operated = 1});
+    world_until(w, DRV_HOST_READY, 10);
+    drv_host_ask(&w->host, DRV_HOST_ASK_GO);
+    world_until(w, DRV_HOST_RUN, 4000);
+    /* a foreign 'E': every 'C' is answered as before */
+    for (unsigned j = 0; j < DRV_AXES; j++)
+        w->servo.state.axis[j].status = j == 3 ? DRV_AXIS_UNCONTROLLABLE : DRV_AXIS_POWER_OFF;
+    world_until(w, DRV_HOST_FAULT, 40);
+    assert_says(w, "fault: servo; axis 1: servo power off though told on");
+    assert_says(w, "; axis 4: servo uncontrollable though told on");
+    for (unsigned j = 0; j < DRV_AXES; j++)
+        w->servo.state.axis[j].status = 0;
+    drv_host_ask(&w->host, DRV_HOST_ASK_CLEAR);
+    world_until(w, DRV_HOST_READY, 10);
+    drv_host_ask(&w->host, DRV_HOST_ASK_GO);
+    world_until(w, DRV_HOST_RUN, 4000);
+}
+END_TEST
+
 START_TEST(test_a_fault_without_an_operator_ends_the_run_confirmed)
 {
     struct world *w = world_new((struct drv_host_cfg){.settle_s = 0.1});
@@ -631,6 +652,7 @@ static Suite *host_suite(void)
     tcase_add_test(t, test_a_servo_that_never_answers_is_silent);
     tcase_add_loop_test(t, test_a_fault_says_joint_value_and_limit_and_clear_leads_back, 0,
                         sizeof faults / sizeof faults[0]);
+    tcase_add_test(t, test_a_servo_that_left_control_mode_is_said_and_clear_leads_back);
     tcase_add_test(t, test_a_fault_without_an_operator_ends_the_run_confirmed);
     tcase_add_test(t, test_a_short_line_is_cut_and_never_overrun);
     tcase_add_test(t, test_init_refuses_what_cannot_run);
