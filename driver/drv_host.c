@@ -193,7 +193,10 @@ static void obey(struct drv_host *h)
     enum drv_host_phase before = h->phase;
     switch (ask) {
     case DRV_HOST_ASK_GO:
-        go(h);
+        if (h->error == HDT_OK)
+            go(h);
+        else
+            drv_host_ask(h, DRV_HOST_ASK_GO); /* not from a period without a measurement */
         break;
     case DRV_HOST_ASK_HOLD:
     case DRV_HOST_ASK_HOLD_LATE:
@@ -226,7 +229,7 @@ static void change_phase(struct drv_host *h)
         enter(h, DRV_HOST_READY);
     else if (h->phase == DRV_HOST_IDLE && !h->cfg.operated && phase_s(h) > h->cfg.answer_s)
         begin_end(h, DRV_HOST_SILENT);
-    if (h->phase == DRV_HOST_READY && !h->cfg.operated)
+    if (h->phase == DRV_HOST_READY && !h->cfg.operated && h->error == HDT_OK)
         plan_approach(h);
     if (h->phase == DRV_HOST_APPROACH && h->approached_us * 1e-6 >= h->approach_s)
         enter(h, DRV_HOST_RUN);
@@ -292,6 +295,24 @@ static void latch(struct drv_host *h)
         begin_end(h, DRV_HOST_FAULTED);
 }
 
+/* The cycle's period.  One it refuses leaves what was measured before it. */
+static void step(struct drv_host *h)
+{
+    hdt_rad_t q[HDT_JOINTS_MAX];
+    hdt_radps_t v[HDT_JOINTS_MAX];
+    memcpy(q, h->out.q, sizeof q);
+    memcpy(v, h->out.v, sizeof v);
+    h->error = drv_cycle_period(&h->cycle, &h->in, &h->out);
+    if (h->error == HDT_OK) {
+        h->seen |= h->in.fresh;
+        return;
+    }
+    memcpy(h->out.q, q, sizeof q);
+    memcpy(h->out.v, v, sizeof v);
+    h->last_error = h->error;
+    h->errors++;
+}
+
 enum drv_host_phase drv_host_period(struct drv_host *h, uint64_t t_us)
 {
     if (h->phase >= DRV_HOST_DONE)
@@ -308,8 +329,7 @@ enum drv_host_phase drv_host_period(struct drv_host *h, uint64_t t_us)
         return h->phase;
     prepare(h);
     h->in.t_us = t_us;
-    (void)drv_cycle_period(&h->cycle, &h->in, &h->out);
-    h->seen |= h->in.fresh;
+    step(h);
     if (h->out.fault != 0 && h->phase != DRV_HOST_FAULT && h->phase != DRV_HOST_ENDING)
         latch(h);
     return h->phase;
@@ -342,6 +362,8 @@ void drv_host_report(const struct drv_host *h, struct drv_host_status *s)
     s->seen = h->seen;
     s->end_confirmed = h->cycle.link == DRV_LINK_ENDED && h->cycle.end_answered;
     s->fault = h->fault;
+    s->errors = h->errors;
+    s->error = h->last_error;
     s->count = h->cycle.count;
 }
 

@@ -88,6 +88,8 @@ struct drv_host_status {
     uint32_t active, seen;        /* bit per joint */
     int end_confirmed;            /* the servo has answered 'E' */
     struct drv_host_fault fault;  /* of the last one */
+    uint64_t errors;              /* periods that drv_cycle_period refused: nothing was driven in them */
+    int error;                    /* why the last of these was, enum hdt_err; 0: none was */
     struct drv_counters count;
 };
 
@@ -108,8 +110,10 @@ struct drv_host {
     int32_t from_q24[HDT_JOINTS_MAX];
     double approach_s, approached_us;
     struct drv_host_fault fault;
+    uint64_t errors;              /* periods refused */
+    int error, last_error;        /* enum hdt_err: of the last period; of the last one refused */
     struct hdt_in in;             /* of the last period */
-    struct hdt_out out;
+    struct hdt_out out;           /* the same; after an error q and v are still those measured last */
 };
 
 /* Every period is recorded, so that the log replays from its first record.
@@ -117,8 +121,9 @@ struct drv_host {
 int drv_host_init(struct drv_host *h, const struct hdt_tables *t, const struct hdt_bus *bus,
                   struct drv_ring *ring, const struct drv_reference *ref, const struct drv_host_cfg *cfg);
 
-/* One period at host time t_us.  Returns the phase after it; from DRV_HOST_DONE on the run is over
- * and further calls do nothing.  Context: control thread. */
+/* One period at host time t_us, which must advance: a period the cycle refuses is counted, brakes every
+ * axis and is no measurement, and a go waits for one that is not.  Returns the phase after it; from
+ * DRV_HOST_DONE on the run is over and further calls do nothing.  Context: control thread. */
 enum drv_host_phase drv_host_period(struct drv_host *h, uint64_t t_us);
 
 /* Ask for something at the next period; what the phase has no use for is dropped, and a stop is not

@@ -163,4 +163,7 @@ void drv_host_say(const struct drv_host_status *s, const struct hdt_tables *tab,
                     "this bus?");
         break;
     }
+    if (s->errors != 0)
+        add(&t, "; %llu periods were refused and not driven: %s", (unsigned long long)s->errors,
+            hdt_strerror(s->error));
 }

@@ -6,6 +6,7 @@
  * stop is confirmed or said not to be; late periods are skipped, counted and dealt with.
  */
 #include <errno.h>
+#include <stdlib.h>
 
 #include "driver/drv_rt.h"
 #include "tests/check_main.h"
@@ -231,6 +232,57 @@ START_TEST(test_a_stall_does_not_make_the_reference_jump)
         ck_assert_int_ne(v, 0);
         ck_assert_double_le((w->host.in.q_ref[6].raw - before) / Q24, v / Q24 * 2.2 * PERIOD_US * 1e-6);
     }
+}
+END_TEST
+
+/* A period whose time does not advance: refused, no axis driven in it. */
+static enum drv_host_phase world_stands_still(struct world *w)
+{
+    uint64_t errors = w->host.errors;
+    enum drv_host_phase phase = drv_host_period(&w->host, w->t_us);
+    world_serve(w);
+    ck_assert_uint_eq(w->host.errors, errors + 1);
+    ck_assert(braked(w));
+    drv_host_report(&w->host, &w->status);
+    return phase;
+}
+
+START_TEST(test_a_refused_period_is_no_measurement)
+{
+    struct world *w = world_new((struct drv_host_cfg){.operated = _i, .settle_s = 0.1});
+    /* 1 rad at every joint; the very first state comes in a period that is refused: not seen */
+    for (unsigned j = 0; j < DRV_AXES; j++)
+        w->servo.state.axis[j].count = 130380;
+    world_period(w);
+    world_period(w);
+    ck_assert_int_eq(world_stands_still(w), DRV_HOST_IDLE);
+    ck_assert_uint_eq(w->status.seen, 0);
+    int32_t one = (int32_t)(1.0 * Q24), near = 1 << 12;
+    if (_i) {
+        world_until(w, DRV_HOST_READY, 3);
+        ck_assert_int_le(abs(w->host.out.q[6].raw - one), near);
+        ck_assert_int_eq(world_stands_still(w), DRV_HOST_READY);
+        ck_assert_int_le(abs(w->host.out.q[6].raw - one), near);
+        assert_says(w, "2 periods were refused and not driven: time did not advance");
+        /* a go waits for a measurement, and is not lost */
+        drv_host_ask(&w->host, DRV_HOST_ASK_GO);
+        ck_assert_int_eq(world_stands_still(w), DRV_HOST_READY);
+        world_period(w);
+        ck_assert_int_eq(w->host.phase, DRV_HOST_READY);
+        world_period(w);
+        ck_assert_int_eq(w->host.phase, DRV_HOST_APPROACH);
+    } else {
+        world_until(w, DRV_HOST_APPROACH, 4);
+    }
+    for (unsigned j = 0; j < DRV_AXES; j++)
+        ck_assert_int_le(abs(w->host.in.q_ref[j].raw - one), near);
+    /* on the way: one period is lost, the motion goes on from where it was */
+    world_until(w, DRV_HOST_RUN, 8000);
+    int32_t before = w->host.in.q_ref[6].raw;
+    ck_assert_int_eq(world_stands_still(w), DRV_HOST_RUN);
+    world_until(w, DRV_HOST_HOLD, SAMPLES + 2);
+    ck_assert_int_lt(abs(before - w->q[6].raw), near);
+    ck_assert_uint_eq(w->host.out.fault, 0);
 }
 END_TEST
 
@@ -648,6 +700,7 @@ static Suite *host_suite(void)
     tcase_add_test(t, test_an_operator_is_waited_for_with_brakes_on);
     tcase_add_test(t, test_a_hold_slows_down_and_go_resumes_without_a_step);
     tcase_add_test(t, test_a_stall_does_not_make_the_reference_jump);
+    tcase_add_loop_test(t, test_a_refused_period_is_no_measurement, 0, 2);
     tcase_add_test(t, test_a_stop_nobody_confirms_is_repeated_and_ends);
     tcase_add_test(t, test_a_servo_that_never_answers_is_silent);
     tcase_add_loop_test(t, test_a_fault_says_joint_value_and_limit_and_clear_leads_back, 0,

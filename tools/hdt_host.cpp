@@ -88,6 +88,9 @@ void say_end(const drv_host &host, const drv_timing &t, uint32_t period_ns)
                 "sends refused %llu, bus down %llu; log dropped %llu\n",
                 n(c.periods), period_ns * 1e-6, n(t.missed), n(c.received), n(c.lost), n(c.bad_frames),
                 n(c.wrong_seq), n(c.send_dropped), n(c.bus_down), n(c.log_dropped));
+    if (host.errors != 0)
+        std::printf("%llu periods refused and not driven: %s\n", n(host.errors),
+                    hdt_strerror(host.last_error));
     if (t.unheard != 0)
         std::printf("%llu periods by the own clock: nothing was heard from the bus\n", n(t.unheard));
     const double mean_ns = static_cast<double>(host.t_us - host.t0_us) * 1e3 /
