@@ -185,12 +185,13 @@ static void clear(struct drv_host *h)
     enter(h, DRV_HOST_IDLE);
 }
 
-/* What was asked for since the last period. */
-static void obey(struct drv_host *h)
+static uint32_t bit_of(enum drv_host_request ask)
 {
-    enum drv_host_request ask = (enum drv_host_request)__atomic_exchange_n(&h->request, DRV_HOST_ASK_NOTHING,
-                                                                           __ATOMIC_ACQ_REL);
-    enum drv_host_phase before = h->phase;
+    return (uint32_t)1 << ask;
+}
+
+static void obey_one(struct drv_host *h, enum drv_host_request ask)
+{
     switch (ask) {
     case DRV_HOST_ASK_GO:
         if (h->error == HDT_OK)
@@ -217,8 +218,23 @@ static void obey(struct drv_host *h)
     case DRV_HOST_ASK_NOTHING:
         break;
     }
-    if (h->phase != before)
-        h->asked = ask;
+}
+
+/* What was asked for since the last period, until one of them changes the phase. */
+static void obey(struct drv_host *h)
+{
+    static const enum drv_host_request order[] = {DRV_HOST_ASK_STOP,  DRV_HOST_ASK_STOP_LATE,
+                                                  DRV_HOST_ASK_HOLD,  DRV_HOST_ASK_HOLD_LATE,
+                                                  DRV_HOST_ASK_CLEAR, DRV_HOST_ASK_GO};
+    uint32_t asked = __atomic_exchange_n(&h->requests, 0, __ATOMIC_ACQ_REL);
+    enum drv_host_phase before = h->phase;
+    if (asked & (bit_of(DRV_HOST_ASK_HOLD) | bit_of(DRV_HOST_ASK_HOLD_LATE)))
+        asked &= ~bit_of(DRV_HOST_ASK_GO);
+    for (unsigned k = 0; k < sizeof order / sizeof order[0] && h->phase == before; k++)
+        if (asked & bit_of(order[k])) {
+            obey_one(h, order[k]);
+            h->asked = h->phase != before ? order[k] : h->asked;
+        }
 }
 
 /* The phases that end do so here, by themselves. */
@@ -337,12 +353,7 @@ enum drv_host_phase drv_host_period(struct drv_host *h, uint64_t t_us)
 
 void drv_host_ask(struct drv_host *h, enum drv_host_request ask)
 {
-    int now = __atomic_load_n(&h->request, __ATOMIC_ACQUIRE);
-    do {
-        if (now >= DRV_HOST_ASK_STOP)
-            return;
-    } while (!__atomic_compare_exchange_n(&h->request, &now, (int)ask, 0, __ATOMIC_ACQ_REL,
-                                          __ATOMIC_ACQUIRE));
+    (void)__atomic_fetch_or(&h->requests, bit_of(ask), __ATOMIC_ACQ_REL);
 }
 
 void drv_host_stop(struct drv_host *h)

@@ -100,7 +100,7 @@ struct drv_host {
     enum drv_host_phase phase;
     enum drv_host_phase under;    /* HOLD: what was going on; ENDING: what comes then */
     enum drv_host_request asked;
-    int request;                  /* enum drv_host_request, written by any thread */
+    uint32_t requests;            /* bit per enum drv_host_request, set by any thread */
     uint64_t t0_us, t_us, phase_us; /* first period, this one, start of this phase */
     unsigned sample;
     uint32_t frac_q32;            /* way from sample to the next */
@@ -126,8 +126,9 @@ int drv_host_init(struct drv_host *h, const struct hdt_tables *t, const struct h
  * DRV_HOST_DONE on the run is over and further calls do nothing.  Context: control thread. */
 enum drv_host_phase drv_host_period(struct drv_host *h, uint64_t t_us);
 
-/* Ask for something at the next period; what the phase has no use for is dropped, and a stop is not
- * overwritten.  Context: any thread. */
+/* Ask for something at the next period.  Of several asked for between two periods a stop comes first,
+ * then a hold, which also drops a go, then the rest: none is overwritten.  What the phase then has no
+ * use for is dropped.  Context: any thread. */
 void drv_host_ask(struct drv_host *h, enum drv_host_request ask);
 
 /* Ask for an orderly end at the next period (Ctrl-C): brakes on, 'E' until answered. */

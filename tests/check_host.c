@@ -107,6 +107,21 @@ static void assert_says(struct world *w, const char *words)
         ck_abort_msg("expected \"%s\" in \"%s\"", words, w->line);
 }
 
+static void break_it(struct world *w, uint32_t fault)
+{
+    switch (fault) {
+    case HDT_FAULT_STALE: w->servo.mute = 1; break;
+    case HDT_FAULT_SERVO: w->servo.state.axis[2].status = DRV_ALARM_OVER_VELOCITY << DRV_ALARM_SHIFT; break;
+    case HDT_FAULT_REFERENCE:
+        for (unsigned k = 0; k < SAMPLES; k++)
+            w->q[k * DRV_AXES + 4].raw = 4 << 24;
+        break;
+    case HDT_FAULT_SPEED: w->tables.joint[1].v_max_q24 = 1 << 24; break;
+    case HDT_FAULT_FOLLOWING: w->tables.joint[3].follow_max_q24 = 1 << 22; break;
+    default: ck_abort();
+    }
+}
+
 START_TEST(test_without_an_operator_the_run_goes_through_by_itself)
 {
     struct world *w = world_new((struct drv_host_cfg){.settle_s = 0.1});
@@ -211,6 +226,40 @@ START_TEST(test_a_hold_slows_down_and_go_resumes_without_a_step)
     hold_and_go(DRV_HOST_RUN, 300);
     hold_and_go(DRV_HOST_RUN, 901);
     hold_and_go(DRV_HOST_APPROACH, 500);
+}
+END_TEST
+
+START_TEST(test_of_several_requests_in_a_period_none_is_overwritten)
+{
+    static const struct { enum drv_host_request ask[3]; enum drv_host_phase then; } cases[] = {
+        {{DRV_HOST_ASK_HOLD, DRV_HOST_ASK_CLEAR, DRV_HOST_ASK_NOTHING}, DRV_HOST_HOLD},
+        {{DRV_HOST_ASK_HOLD, DRV_HOST_ASK_GO, DRV_HOST_ASK_NOTHING}, DRV_HOST_HOLD},
+        {{DRV_HOST_ASK_GO, DRV_HOST_ASK_HOLD_LATE, DRV_HOST_ASK_CLEAR}, DRV_HOST_HOLD},
+        {{DRV_HOST_ASK_HOLD, DRV_HOST_ASK_STOP, DRV_HOST_ASK_HOLD_LATE}, DRV_HOST_ENDING},
+        {{DRV_HOST_ASK_STOP_LATE, DRV_HOST_ASK_GO, DRV_HOST_ASK_HOLD}, DRV_HOST_ENDING},
+        {{DRV_HOST_ASK_CLEAR, DRV_HOST_ASK_GO, DRV_HOST_ASK_NOTHING}, DRV_HOST_RUN},
+    };
+    for (unsigned k = 0; k < sizeof cases / sizeof cases[0]; k++) {
+        struct world *w = world_new((struct drv_host_cfg){.operated = 1});
+        world_until(w, DRV_HOST_READY, 10);
+        /* a hold drops a go that came with it, in whatever order */
+        drv_host_ask(&w->host, DRV_HOST_ASK_GO);
+        drv_host_ask(&w->host, DRV_HOST_ASK_HOLD);
+        ck_assert_int_eq(world_period(w), DRV_HOST_READY);
+        drv_host_ask(&w->host, DRV_HOST_ASK_GO);
+        world_until(w, DRV_HOST_RUN, 4000);
+        for (unsigned n = 0; n < 3; n++)
+            drv_host_ask(&w->host, cases[k].ask[n]);
+        ck_assert_int_eq(world_period(w), cases[k].then);
+        /* and in a fault a hold, of no use there, does not keep a clear away */
+        if (cases[k].then != DRV_HOST_RUN)
+            continue;
+        break_it(w, HDT_FAULT_SERVO);
+        world_until(w, DRV_HOST_FAULT, 4);
+        drv_host_ask(&w->host, DRV_HOST_ASK_CLEAR);
+        drv_host_ask(&w->host, DRV_HOST_ASK_HOLD);
+        ck_assert_int_eq(world_period(w), DRV_HOST_IDLE);
+    }
 }
 END_TEST
 
@@ -320,21 +369,6 @@ static const struct { uint32_t fault; const char *words[3]; } faults[] = {
     {HDT_FAULT_SPEED, {"speed: joint 2 at ", "limit 1.000", ""}},
     {HDT_FAULT_FOLLOWING, {"following: joint 4 at ", "limit 0.2500 apart", ""}},
 };
-
-static void break_it(struct world *w, uint32_t fault)
-{
-    switch (fault) {
-    case HDT_FAULT_STALE: w->servo.mute = 1; break;
-    case HDT_FAULT_SERVO: w->servo.state.axis[2].status = DRV_ALARM_OVER_VELOCITY << DRV_ALARM_SHIFT; break;
-    case HDT_FAULT_REFERENCE:
-        for (unsigned k = 0; k < SAMPLES; k++)
-            w->q[k * DRV_AXES + 4].raw = 4 << 24;
-        break;
-    case HDT_FAULT_SPEED: w->tables.joint[1].v_max_q24 = 1 << 24; break;
-    case HDT_FAULT_FOLLOWING: w->tables.joint[3].follow_max_q24 = 1 << 22; break;
-    default: ck_abort();
-    }
-}
 
 /* Periods until the fault, with the arm of the last two cases pushed away by hand. */
 static void until_fault(struct world *w, uint32_t fault)
@@ -699,6 +733,7 @@ static Suite *host_suite(void)
     tcase_add_test(t, test_without_an_operator_the_run_goes_through_by_itself);
     tcase_add_test(t, test_an_operator_is_waited_for_with_brakes_on);
     tcase_add_test(t, test_a_hold_slows_down_and_go_resumes_without_a_step);
+    tcase_add_test(t, test_of_several_requests_in_a_period_none_is_overwritten);
     tcase_add_test(t, test_a_stall_does_not_make_the_reference_jump);
     tcase_add_loop_test(t, test_a_refused_period_is_no_measurement, 0, 2);
     tcase_add_test(t, test_a_stop_nobody_confirms_is_repeated_and_ends);
