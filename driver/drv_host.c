@@ -37,6 +37,12 @@ static double phase_s(const struct drv_host *h)
     return (double)(h->t_us - h->phase_us) * 1e-6;
 }
 
+/* How long the reference has stood still in this hold; below 0 while it slows down. */
+static double stands_s(const struct drv_host *h)
+{
+    return phase_s(h) - (h->sample >= h->ref.samples ? 0.0 : h->cfg.hold_s);
+}
+
 int drv_host_init(struct drv_host *h, const struct hdt_tables *t, const struct hdt_bus *bus,
                   struct drv_ring *ring, const struct drv_reference *ref, const struct drv_host_cfg *cfg)
 {
@@ -82,7 +88,7 @@ static void plan_approach(struct drv_host *h)
 
 static int approaching(const struct drv_host *h)
 {
-    return h->phase == DRV_HOST_APPROACH || (h->phase == DRV_HOST_HOLD && h->under == DRV_HOST_APPROACH);
+    return h->phase == DRV_HOST_APPROACH || (h->phase == DRV_HOST_HOLD && h->resume == DRV_HOST_APPROACH);
 }
 
 /* The rate goes towards 0 in a hold and towards 1 in motion; time of the approach goes on at it. */
@@ -160,7 +166,7 @@ static void reference_end(struct drv_host *h)
 
 static void begin_end(struct drv_host *h, enum drv_host_phase then)
 {
-    h->under = then;
+    h->outcome = then;
     enter(h, DRV_HOST_ENDING);
     (void)drv_cycle_end(&h->cycle);
 }
@@ -168,11 +174,9 @@ static void begin_end(struct drv_host *h, enum drv_host_phase then)
 static void go(struct drv_host *h)
 {
     if (h->phase == DRV_HOST_READY || (h->phase == DRV_HOST_HOLD && h->sample >= h->ref.samples)) {
-        h->under = DRV_HOST_IDLE;
         plan_approach(h);
     } else if (h->phase == DRV_HOST_HOLD) {
-        enter(h, h->under);
-        h->under = DRV_HOST_IDLE;
+        enter(h, h->resume);
     }
 }
 
@@ -202,7 +206,7 @@ static void obey_one(struct drv_host *h, enum drv_host_request ask)
     case DRV_HOST_ASK_HOLD:
     case DRV_HOST_ASK_HOLD_LATE:
         if (h->phase == DRV_HOST_APPROACH || h->phase == DRV_HOST_RUN) {
-            h->under = h->phase;
+            h->resume = h->phase;
             enter(h, DRV_HOST_HOLD);
         }
         break;
@@ -249,15 +253,17 @@ static void change_phase(struct drv_host *h)
         plan_approach(h);
     if (h->phase == DRV_HOST_APPROACH && h->approached_us * 1e-6 >= h->approach_s)
         enter(h, DRV_HOST_RUN);
-    if (h->phase == DRV_HOST_RUN && h->sample >= h->ref.samples)
+    if (h->phase == DRV_HOST_RUN && h->sample >= h->ref.samples) {
+        h->resume = DRV_HOST_RUN;
         enter(h, DRV_HOST_HOLD);
-    if (h->phase == DRV_HOST_HOLD && h->sample >= h->ref.samples && !h->cfg.operated &&
-        phase_s(h) >= h->cfg.settle_s)
+    }
+    if (h->phase == DRV_HOST_HOLD && !h->cfg.operated && stands_s(h) >= h->cfg.settle_s)
         begin_end(h, DRV_HOST_DONE);
     if (h->phase == DRV_HOST_ENDING &&
-        (drv_cycle_ended(&h->cycle) || h->under == DRV_HOST_SILENT || phase_s(h) > END_S))
-        enter(h, h->under);
-    if (h->phase != before && before != DRV_HOST_ENDING)
+        (drv_cycle_ended(&h->cycle) || h->outcome == DRV_HOST_SILENT || phase_s(h) > END_S))
+        enter(h, h->outcome);
+    /* what was asked for is still why in a hold that ends, and in an end that is over */
+    if (h->phase != before && before != DRV_HOST_ENDING && before != DRV_HOST_HOLD)
         h->asked = DRV_HOST_ASK_NOTHING;
 }
 

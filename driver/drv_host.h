@@ -8,8 +8,9 @@
  *   any --stop--> ENDING ('E' until answered: brakes on) --> DONE
  *
  * In IDLE, READY, FAULT and ENDING brakes are on; in HOLD the arm is held by torque, standing still.
- * Without an operator (cfg.operated = 0) READY goes by itself, HOLD at the end becomes ENDING after
- * settle_s, a fault ENDING and then FAULTED, and a servo that does not answer SILENT.
+ * Without an operator (cfg.operated = 0) READY goes by itself, HOLD becomes ENDING after settle_s of
+ * standing still (nobody could say go), a fault ENDING and then FAULTED, and a servo that does not
+ * answer SILENT.
  *
  * Owns: the phases, the reference samples handed to the cycle, why the host is where it is.
  * Never: sleeps, reads a clock, allocates; time is an argument, so the same run works in virtual
@@ -61,7 +62,7 @@ enum drv_host_request {
 struct drv_host_cfg {
     uint32_t mode;                /* HDT_MODE_TORQUE or HDT_MODE_VELOCITY */
     double approach_radps;        /* peak speed of the approach, output side; 0: 0.25 */
-    double settle_s;              /* held at the end before 'E' */
+    double settle_s;              /* held standing still before 'E', where nobody operates */
     double answer_s;              /* wait this long for the servo's first answer; 0: 2 */
     double hold_s;                /* slow down to a hold, and up again, in this time; 0: 0.3 */
     int operated;                 /* READY and HOLD wait for drv_host_ask, FAULT for clear or stop */
@@ -98,7 +99,8 @@ struct drv_host {
     struct drv_reference ref;
     struct drv_host_cfg cfg;
     enum drv_host_phase phase;
-    enum drv_host_phase under;    /* HOLD: what was going on; ENDING: what comes then */
+    enum drv_host_phase resume;   /* HOLD: what was going on                */
+    enum drv_host_phase outcome;  /* ENDING: the phase from DRV_HOST_DONE on that comes then */
     enum drv_host_request asked;
     uint32_t requests;            /* bit per enum drv_host_request, set by any thread */
     uint64_t t0_us, t_us, phase_us; /* first period, this one, start of this phase */

@@ -229,6 +229,25 @@ START_TEST(test_a_hold_slows_down_and_go_resumes_without_a_step)
 }
 END_TEST
 
+START_TEST(test_a_hold_without_an_operator_stands_for_settle_s_and_ends)
+{
+    struct world *w = world_new((struct drv_host_cfg){.settle_s = 0.5, .hold_s = 0.2});
+    world_until(w, _i ? DRV_HOST_RUN : DRV_HOST_APPROACH, 4000);
+    for (unsigned n = 0; n < 100; n++)
+        world_period(w);
+    drv_host_ask(&w->host, DRV_HOST_ASK_HOLD_LATE);
+    /* 0.2 s to stand and 0.5 s standing */
+    unsigned n = 0, stood = 0;
+    while (world_period(w) == DRV_HOST_HOLD && n++ < 2000)
+        stood += w->host.in.v_ref[6].raw == 0;
+    ck_assert_int_eq(w->host.phase, DRV_HOST_ENDING);
+    ck_assert_uint_ge(stood, 349);
+    ck_assert_uint_le(n, 492);
+    world_until(w, DRV_HOST_DONE, 3);
+    assert_says(w, "done: brakes on; too many periods were missed (overrun policy)");
+}
+END_TEST
+
 START_TEST(test_of_several_requests_in_a_period_none_is_overwritten)
 {
     static const struct { enum drv_host_request ask[3]; enum drv_host_phase then; } cases[] = {
@@ -487,8 +506,9 @@ struct slow_clock {
     unsigned late_at, late_n;  /* from this sleep on, so many of them */
     unsigned late_every;       /* and again after so many; 0: once */
     unsigned sleeps;
-    unsigned stop_at;          /* at this sleep somebody asks for a stop */
+    unsigned go_at, stop_at;   /* at these sleeps somebody asks for a go, a stop */
     enum drv_host_phase phase_then;
+    enum drv_host_request asked_then;
     int fail, interrupts;
     struct world *w;
     uint64_t tick_ns, heard;   /* the bus' own clock, when it is to be followed */
@@ -509,8 +529,11 @@ static int slow_sleep(void *ctx, uint64_t t)
     if (c->interrupts > 0 && c->interrupts--)
         return -EINTR;
     world_serve(c->w);
-    if (++c->sleeps == c->stop_at) {
+    if (++c->sleeps == c->go_at)
+        drv_host_ask(&c->w->host, DRV_HOST_ASK_GO);
+    if (c->sleeps == c->stop_at) {
         c->phase_then = c->w->host.phase;
+        c->asked_then = c->w->host.asked;
         drv_host_stop(&c->w->host);
     }
     if (t > c->now)
@@ -557,7 +580,7 @@ static const struct {
     const char *words;
 } overruns[] = {
     {DRV_OVERRUN_HOLD, 2, DRV_HOST_RUN, "asked for"},
-    {DRV_OVERRUN_HOLD, 3, DRV_HOST_HOLD, "asked for"},
+    {DRV_OVERRUN_HOLD, 3, DRV_HOST_DONE, "overrun policy"}, /* nobody is there to say go */
     {DRV_OVERRUN_STOP, 2, DRV_HOST_RUN, "asked for"},
     {DRV_OVERRUN_STOP, 3, DRV_HOST_DONE, "overrun policy"},
     {DRV_OVERRUN_COUNT, 40, DRV_HOST_RUN, "asked for"},
@@ -577,6 +600,19 @@ START_TEST(test_too_many_missed_periods_hold_or_stop_as_configured)
     ck_assert_int_eq(c.stop_at > c.sleeps ? w->host.phase : c.phase_then, overruns[_i].then);
     drv_host_report(&w->host, &w->status);
     assert_says(w, overruns[_i].words);
+}
+END_TEST
+
+START_TEST(test_an_operator_is_told_of_a_hold_for_missed_periods_and_says_go)
+{
+    struct world *w = world_new((struct drv_host_cfg){.operated = 1, .approach_radps = 2});
+    struct slow_clock c = {.late_ns = 2 * 1428571, .late_at = 900, .late_n = 3, .stop_at = 1500};
+    struct drv_rt *rt = rt_new(&c, w, (struct drv_rt_cfg){DRV_OVERRUN_HOLD, 4, 0}, NULL);
+    c.go_at = 20;
+    ck_assert_int_eq(drv_rt_run(rt, &w->host), 0);
+    ck_assert_int_eq(c.phase_then, DRV_HOST_HOLD);
+    ck_assert_int_eq(c.asked_then, DRV_HOST_ASK_HOLD_LATE);
+    ck_assert_int_eq(w->host.phase, DRV_HOST_DONE);
 }
 END_TEST
 
@@ -733,6 +769,7 @@ static Suite *host_suite(void)
     tcase_add_test(t, test_without_an_operator_the_run_goes_through_by_itself);
     tcase_add_test(t, test_an_operator_is_waited_for_with_brakes_on);
     tcase_add_test(t, test_a_hold_slows_down_and_go_resumes_without_a_step);
+    tcase_add_loop_test(t, test_a_hold_without_an_operator_stands_for_settle_s_and_ends, 0, 2);
     tcase_add_test(t, test_of_several_requests_in_a_period_none_is_overwritten);
     tcase_add_test(t, test_a_stall_does_not_make_the_reference_jump);
     tcase_add_loop_test(t, test_a_refused_period_is_no_measurement, 0, 2);
@@ -750,6 +787,7 @@ static Suite *host_suite(void)
     tcase_add_test(t, test_missed_periods_are_skipped_counted_and_never_made_up_for);
     tcase_add_loop_test(t, test_too_many_missed_periods_hold_or_stop_as_configured, 0,
                         sizeof overruns / sizeof overruns[0]);
+    tcase_add_test(t, test_an_operator_is_told_of_a_hold_for_missed_periods_and_says_go);
     tcase_add_test(t, test_few_missed_periods_a_second_add_up_to_nothing);
     tcase_add_test(t, test_a_clock_that_fails_ends_the_run);
     tcase_add_loop_test(t, test_the_bus_clock_is_followed_whatever_it_is_off_by, 0, 3);

@@ -150,6 +150,10 @@ START_TEST(test_options_that_cannot_be_are_refused)
         assert_holds(r, words);
     }
     ck_assert_int_eq(sh("$H host --model $A --bus unix:$PWD/bus --out x.csv --priority 100").code, 2);
+    Result held = sh("$H host --model $A --bus unix:$PWD/bus --out x.csv --overrun hold");
+    ck_assert_int_eq(held.code, 2);
+    ck_assert_msg(held.err.find("expected --operator with it, or count or stop") != std::string::npos, "%s",
+                  held.err.c_str());
     // a processor that is not there is said, and the run goes on
     Result r = three_times("$H host --model $A --bus unix:$PWD/bus --out x.csv --cpu 1000 >host 2>&1 & h=$!; "
                            "runs; kill -INT $h; wait $h");

@@ -152,10 +152,10 @@ public:
     }
 
 private:
-    // The operator's view: a line when the phase changes.  Without one: only of a hold nobody asked for.
+    // The operator's view: a line when the phase changes.  Without one: only of a stop nobody asked for.
     void tell()
     {
-        bool says = operated_ || mail_.host.asked == DRV_HOST_ASK_HOLD_LATE;
+        bool says = operated_ || mail_.host.asked == DRV_HOST_ASK_STOP_LATE;
         if (!says || (told_ && mail_.host.phase == phase_))
             return;
         char line[1024];
@@ -324,6 +324,9 @@ void add_host(CLI::App &app, int &code)
     sub->add_option("--telemetry-rate", o->telemetry_hz, "periods published a second, at most")
         ->capture_default_str()->check(CLI::Range(0.1, 10000.0));
     sub->callback([o, telemetry, &code] {
+        if (o->overrun == "hold" && !o->operated)
+            throw CLI::ValidationError("--overrun", "hold waits for somebody to say go: expected --operator "
+                                                    "with it, or count or stop");
         o->publishes = telemetry->count() > 0;
         code = run(*o);
     });
