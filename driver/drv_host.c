@@ -64,13 +64,16 @@ int drv_host_init(struct drv_host *h, const struct hdt_tables *t, const struct h
     return drv_cycle_init(&h->cycle, t, bus, ring);
 }
 
-/* Remember where the arm stands and how long the way to the first sample takes. */
+/* Remember where the arm stands and how long the way to the first sample takes.  A joint parked outside
+ * its range starts from the end of it: a reference outside is a fault, and feedback pulls it back in. */
 static void plan_approach(struct drv_host *h)
 {
     double farthest = 0.0;
     for (unsigned j = 0; j < h->ref.joints; j++) {
-        double d = ((double)h->ref.q[j].raw - (double)h->out.q[j].raw) / Q24;
-        h->from_q24[j] = h->out.q[j].raw;
+        const struct hdt_joint_tab *tab = &h->cycle.core.tables->joint[j];
+        int32_t q = h->out.q[j].raw;
+        h->from_q24[j] = q < tab->q_min_q24 ? tab->q_min_q24 : q > tab->q_max_q24 ? tab->q_max_q24 : q;
+        double d = ((double)h->ref.q[j].raw - (double)h->from_q24[j]) / Q24;
         if ((h->ref.active >> j & 1u) && (d < 0 ? -d : d) > farthest)
             farthest = d < 0 ? -d : d;
     }

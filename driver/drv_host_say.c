@@ -77,6 +77,9 @@ static void add_fault(struct text *t, const struct drv_host_fault *f, uint32_t b
         if (bit == HDT_FAULT_FOLLOWING)
             add(t, ": joint %u at %.4f rad, reference %.4f, limit %.4f apart", j + 1, f->q[j].raw / Q24,
                 f->q_ref[j].raw / Q24, k->follow_max_q24 / Q24);
+        if (bit == HDT_FAULT_FOLLOWING && (f->q[j].raw > k->q_max_q24 || f->q[j].raw < k->q_min_q24))
+            add(t, " and outside its range, %.4f to %.4f: bring it back by hand, its brake released",
+                k->q_min_q24 / Q24, k->q_max_q24 / Q24);
         if (bit == HDT_FAULT_REFERENCE)
             add(t, ": joint %u reference %.4f rad, limits %.4f to %.4f", j + 1, f->q_ref[j].raw / Q24,
                 k->q_min_q24 / Q24, k->q_max_q24 / Q24);

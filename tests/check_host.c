@@ -29,6 +29,7 @@ struct world {
     struct drv_host_status status;
     char line[1024];
     uint64_t t_us;
+    int32_t most_cnt;             /* a joint moves so far a period at most; 0: any way */
 };
 
 /* Joint j moves by 0.2 rad there and back, as a cosine, from 0.1 j rad on. */
@@ -57,10 +58,13 @@ static struct world *world_new(struct drv_host_cfg cfg)
 /* The arm is where it is told to be, less than a digit of torque apart: a perfect servo. */
 static void world_serve(struct world *w)
 {
-    for (unsigned j = 0; j < DRV_AXES; j++)
-        if (w->host.in.mode != HDT_MODE_IDLE)
-            w->servo.state.axis[j].count = (int32_t)(w->host.in.q_ref[j].raw / Q24 * RIG_RATIO * 16384
-                                                     / 6.283185307);
+    for (unsigned j = 0; j < DRV_AXES && w->host.in.mode != HDT_MODE_IDLE; j++) {
+        int32_t *at = &w->servo.state.axis[j].count;
+        int32_t to = (int32_t)(w->host.in.q_ref[j].raw / Q24 * RIG_RATIO * 16384 / 6.283185307);
+        if (w->most_cnt != 0 && abs(to - *at) > w->most_cnt)
+            to = *at + (to > *at ? w->most_cnt : -w->most_cnt);
+        *at = to;
+    }
     rig_serve(&w->servo);
 }
 
@@ -226,6 +230,36 @@ START_TEST(test_a_hold_slows_down_and_go_resumes_without_a_step)
     hold_and_go(DRV_HOST_RUN, 300);
     hold_and_go(DRV_HOST_RUN, 901);
     hold_and_go(DRV_HOST_APPROACH, 500);
+}
+END_TEST
+
+START_TEST(test_an_arm_parked_outside_its_range_is_brought_back)
+{
+    struct world *w = world_new((struct drv_host_cfg){.settle_s = 0.1});
+    int side = _i ? -1 : 1, farther = 0;
+    rig_real_limits(&w->tables);
+    w->servo.state.axis[2].count = side * 393748; /* 3.02 rad, limit 3 */
+    w->most_cnt = 100;                            /* 0.54 rad/s */
+    /* pushed inwards from the first period on, never outwards */
+    while (world_period(w) != DRV_HOST_RUN) {
+        ck_assert_uint_eq(w->host.out.fault, 0);
+        if (w->host.phase != DRV_HOST_APPROACH)
+            continue;
+        ck_assert_int_le(side * w->host.in.q_ref[2].raw, 3 << 24);
+        if (side * w->host.out.q[2].raw <= 3 << 24)
+            continue;
+        ck_assert_int_le(side * w->servo.last.axis[2].torque_dig, 0);
+        farther++;
+    }
+    ck_assert_int_gt(farther, 0);
+    world_until(w, DRV_HOST_DONE, SAMPLES + 100);
+    /* further out than a following error may be, feedback may not pull: a fault that says what to do */
+    w = world_new((struct drv_host_cfg){.settle_s = 0.1});
+    rig_real_limits(&w->tables);
+    w->servo.state.axis[2].count = side * 469378; /* 3.6 rad */
+    world_until(w, DRV_HOST_FAULTED, 20);
+    assert_says(w, "following: joint 3 at ");
+    assert_says(w, "limit 0.5000 apart and outside its range, -3.0000 to 3.0000: bring it back by hand");
 }
 END_TEST
 
@@ -769,6 +803,7 @@ static Suite *host_suite(void)
     tcase_add_test(t, test_without_an_operator_the_run_goes_through_by_itself);
     tcase_add_test(t, test_an_operator_is_waited_for_with_brakes_on);
     tcase_add_test(t, test_a_hold_slows_down_and_go_resumes_without_a_step);
+    tcase_add_loop_test(t, test_an_arm_parked_outside_its_range_is_brought_back, 0, 2);
     tcase_add_loop_test(t, test_a_hold_without_an_operator_stands_for_settle_s_and_ends, 0, 2);
     tcase_add_test(t, test_of_several_requests_in_a_period_none_is_overwritten);
     tcase_add_test(t, test_a_stall_does_not_make_the_reference_jump);

@@ -54,6 +54,20 @@ static inline struct hdt_tables *rig_tables(void)
     return &t;
 }
 
+/* The limits that hdt gen gives an arm: low-pass of 40 Hz, 50 ms from zero to full torque, 0.5 rad of
+ * following, 20 stale periods.  Digits are no longer a product done by hand. */
+static inline void rig_real_limits(struct hdt_tables *t)
+{
+    static const int32_t low_pass[5] = {6855177, 13710353, 6855177, -402605980, 161591231};
+    memcpy(t->biquad_q28, low_pass, sizeof low_pass);
+    t->stale_periods = 20;
+    for (unsigned j = 0; j < t->joints; j++) {
+        t->joint[j].dig_slew = 133;
+        t->joint[j].follow_max_q24 = 1 << 23;
+        t->joint[j].v_max_q24 = 3 << 23;
+    }
+}
+
 /* The servo driver's protocol: every good telegram is answered by one of its type and sequence. */
 struct rig_servo {
     struct hdt_bus bus;
