@@ -9,6 +9,13 @@
 
 #include "driver/hdt_plugin.h"
 
+static uint64_t now_ns(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
+}
+
 int main(int argc, char **argv)
 {
     static unsigned char image[1 << 17];
@@ -40,23 +47,25 @@ int main(int argc, char **argv)
         return 3;
     }
     double seconds = argc > 4 ? atof(argv[4]) : 2;
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
+    uint64_t start = now_ns(), due = start;
     in.active = (1u << info.joints) - 1;
-    for (double s = 0; s < seconds && out.fault == 0; s += 1e-9 * info.period_ns) {
-        t.tv_nsec += (long)info.period_ns;              /* from here on nothing allocates, locks or prints */
-        if (t.tv_nsec >= 1000000000) t.tv_sec++, t.tv_nsec -= 1000000000;
+    while (e == 0 && out.fault == 0 && 1e-9 * (double)(due - start) < seconds) {
+        due += info.period_ns;                          /* from here on nothing allocates, locks or prints */
+        struct timespec t = {.tv_sec = (time_t)(due / 1000000000u), .tv_nsec = (long)(due % 1000000000u)};
         clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
-        in.t_us = (uint64_t)t.tv_sec * 1000000u + (uint64_t)t.tv_nsec / 1000u;
+        uint64_t now = now_ns();
+        due += now > due ? (now - due) / info.period_ns * info.period_ns : 0; /* missed: never made up */
+        in.t_us = now / 1000u;
         if (in.mode == HDT_MODE_IDLE)                   /* brakes are on until a state has come */
             memcpy(in.q_ref, out.q, sizeof in.q_ref);   /* hold where it stands */
         in.mode = in.fresh ? HDT_MODE_TORQUE : in.mode;
-        bus->period(arm, &in, &out);
+        e = bus->period(arm, &in, &out);
     }
-    e = p->stop(arm);                                   /* brakes on, and the servo has said so */
+    int end = p->stop(arm);                             /* brakes on, and the servo has said so */
     for (uint32_t j = 0; j < info.joints; j++)
         printf("joint %u  %8.4f rad  %7.2f N m\n", (unsigned)j + 1, out.q[j].raw / 16777216.0,
                out.total[j].raw / 65536.0);
-    printf("%s: fault %s, end %s\n", info.name, names->fault(out.fault), p->strerror(e));
-    return out.fault != 0 || e != 0 || p->destroy(arm) != 0;
+    printf("%s: %s, fault %s, end %s\n", info.name, p->strerror(e), names->fault(out.fault),
+           p->strerror(end));
+    return e != 0 || out.fault != 0 || end != 0 || p->destroy(arm) != 0;
 }
