@@ -55,14 +55,15 @@ int drv_rt_mail_take(struct drv_rt_mailbox *box, struct drv_rt_mail *mail)
     return 1;
 }
 
-static void post(struct drv_rt *rt, const struct drv_host *host)
+/* keep: slots left free; the last one is for the snapshot at the end. */
+static void post(struct drv_rt *rt, const struct drv_host *host, unsigned keep)
 {
     struct drv_rt_mailbox *box = rt->box;
     unsigned head;
     if (box == NULL)
         return;
     head = __atomic_load_n(&box->head, __ATOMIC_RELAXED);
-    if (head - __atomic_load_n(&box->tail, __ATOMIC_ACQUIRE) >= DRV_RT_MAILS) {
+    if (head - __atomic_load_n(&box->tail, __ATOMIC_ACQUIRE) >= DRV_RT_MAILS - keep) {
         rt->timing.status_dropped++;
         return;
     }
@@ -163,10 +164,10 @@ int drv_rt_run(struct drv_rt *rt, struct drv_host *host)
         drv_hist_add(&rt->timing.work, rt->clock.now_ns(rt->clock.ctx) - start);
         if (rt->box != NULL && rt->to_mail-- == 0) {
             rt->to_mail = rt->mail_every - 1;
-            post(rt, host);
+            post(rt, host, 1);
         }
         rt->next_ns = due_after(rt, &host->cycle.bus);
     }
-    post(rt, host);
+    post(rt, host, 0);
     return broken;
 }

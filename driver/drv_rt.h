@@ -58,7 +58,8 @@ struct drv_timing {
     struct drv_hist work;        /* from start to end of a period's work              */
 };
 
-/* Snapshots from the control thread to others, a few a second; a full mailbox drops and counts. */
+/* Snapshots from the control thread to others, a few a second; a full mailbox drops and counts.  One
+ * place is kept for the snapshot at the end, which is never dropped. */
 #define DRV_RT_MAILS 8
 struct drv_rt_mail {
     struct drv_host_status host;
