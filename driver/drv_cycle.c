@@ -179,6 +179,15 @@ static void send_mode(struct drv_cycle *c, uint8_t type)
     c->wait = DRV_CYCLE_RETRY - 1;
 }
 
+/* Format B's word for a digit within dig_max: rounded, but not to a torque beyond dig_max. */
+static int16_t torque_b(const struct drv_cycle *c, unsigned j, int16_t dig)
+{
+    int32_t word = drv_torque_to_b(dig, c->rated_mnm[j]);
+    /* both in 0.001 N.m / 4096 */
+    int32_t most = c->core.tables->joint[j].dig_max * 4096, is = word * c->rated_mnm[j];
+    return (int16_t)(is > most ? word - 1 : is < -most ? word + 1 : word);
+}
+
 /* One driven axis, in the units of the format; the core's digits are 0.001 N.m. */
 static void command_axis(const struct drv_cycle *c, unsigned j, uint32_t mode, const struct hdt_out *out,
                          struct drv_command *cmd)
@@ -188,7 +197,7 @@ static void command_axis(const struct drv_cycle *c, unsigned j, uint32_t mode, c
     if (mode == HDT_MODE_TORQUE) {
         int16_t dig = out->digit[j].raw;
         cmd->axis[j].mode = (uint16_t)(drive | DRV_AXIS_TORQUE);
-        cmd->axis[j].torque_dig = b ? drv_torque_to_b(dig, c->rated_mnm[j]) : dig;
+        cmd->axis[j].torque_dig = b ? torque_b(c, j, dig) : dig;
     } else if (mode == HDT_MODE_VELOCITY) {
         cmd->axis[j].mode = drive;
         cmd->axis[j].speed_dig = out->speed[j].raw;

@@ -85,8 +85,9 @@ int drv_cycle_init(struct drv_cycle *c, const struct hdt_tables *t, const struct
 /* Speak this format from the next period on.  rated_mnm: rated torque of each joint's motor,
  * 0.001 N.m motor side, which Format B's torque words count in; with Format A it may be NULL.
  * The core, the record and `last` have digits of 0.001 N.m in both formats: the conversion is exact,
- * rounded half to even, and saturates at the ends of a word.  In Format B a driven axis also stops
- * on an alarm of another (DRV_AXIS_STOP_ALL), as in Format A every axis does.
+ * rounded half to even, but towards zero where a command would be beyond dig_max, and saturates at the
+ * ends of a word.  In Format B a driven axis also stops on an alarm of another (DRV_AXIS_STOP_ALL), as
+ * in Format A every axis does.
  * Errors: HDT_ERR_ARG (no such format; Format B and a joint without rated torque), nothing changed.
  * Context: start-up, after drv_cycle_init and before the first period. */
 int drv_cycle_set_format(struct drv_cycle *c, enum drv_format format, const uint16_t *rated_mnm);

@@ -51,6 +51,9 @@ int drv_host_init(struct drv_host *h, const struct hdt_tables *t, const struct h
         return HDT_ERR_ARG;
     if (cfg->mode != HDT_MODE_TORQUE && cfg->mode != HDT_MODE_VELOCITY)
         return HDT_ERR_ARG;
+    /* a joint that is not there never reports, and would be waited for */
+    if (ref->joints < 32 && ref->active >> ref->joints != 0)
+        return HDT_ERR_ARG;
     memset(h, 0, sizeof *h);
     h->ref = *ref;
     h->cfg = *cfg;

@@ -119,7 +119,8 @@ struct drv_host {
 };
 
 /* Every period is recorded, so that the log replays from its first record.
- * Errors: HDT_ERR_ARG, HDT_ERR_TABLES.  Context: start-up. */
+ * Errors: HDT_ERR_ARG (also: a reference of another arm, or one that drives a joint the arm has not),
+ * HDT_ERR_TABLES.  Context: start-up. */
 int drv_host_init(struct drv_host *h, const struct hdt_tables *t, const struct hdt_bus *bus,
                   struct drv_ring *ring, const struct drv_reference *ref, const struct drv_host_cfg *cfg);
 

@@ -3,6 +3,8 @@
  * The cycle against a servo's protocol on a memory bus: start, run, faults, end, and a bus that is
  * broken at every call in turn.  The core is the real one.
  */
+#include <stdlib.h>
+
 #include "driver/drv_cycle.h"
 #include "driver/drv_fault.h"
 #include "sim/servo.h"
@@ -249,6 +251,62 @@ START_TEST(test_format_b_is_converted_at_the_wire_and_nowhere_else)
     }
     ck_assert_int_gt(c.axis[6].speed_dig, 0);
     ck_assert_uint_eq(r.c.count.bad_frames, 0);
+}
+END_TEST
+
+/* What of a run reaches the wire, with the limits of a real arm: within dig_max, and from one command to
+ * the next within the slew limit (of Format B: and the rounding of two words) or at zero. */
+static void limits_on_the_wire(enum drv_format format)
+{
+    static const uint16_t rated[DRV_AXES] = {20000, 20001, 4640, 2000, 290, 65535, 7777};
+    struct rig r;
+    int32_t before[DRV_AXES] = {0}; /* 0.001 N.m / 4096 */
+    unsigned most = 0;
+    rig_init(&r, NULL);
+    struct hdt_tables t = *rig_tables();
+    rig_real_limits(&t);
+    for (unsigned j = 0; j < DRV_AXES; j++) {
+        t.joint[j].dig_max = 2000 + 37 * (int32_t)j;
+        t.joint[j].follow_max_q24 = 0; /* far from the reference, so that torque is at its limit */
+        t.joint[j].kp_q16 = 200 << 16;
+    }
+    ck_assert_int_eq(drv_cycle_init(&r.c, &t, &r.host, NULL), HDT_OK);
+    ck_assert_int_eq(drv_cycle_set_format(&r.c, format, rated), HDT_OK);
+    for (unsigned n = 0; n < 900; n++) {
+        struct drv_state s = {0};
+        struct drv_command c = {0};
+        struct hdt_frame f;
+        for (unsigned j = 0; j < DRV_AXES; j++)
+            r.in.q_ref[j].raw = (n / 100 + j) % 3 == 0 ? 2 << 24 : (n / 100 + j) % 3 == 1 ? -(2 << 24) : 0;
+        r.in.mode = n % 250 == 240 ? HDT_MODE_IDLE : HDT_MODE_TORQUE;
+        r.in.t_us = r.t_us += n % 70 == 60 ? 0 : 1429; /* some are refused */
+        (void)drv_cycle_period(&r.c, &r.in, &r.out);
+        ck_assert_int_eq(r.servo.bus.recv(r.servo.bus.ctx, &f), HDT_BUS_OK);
+        ck_assert_int_eq(drv_command_decode(format, &f, &c), DRV_TELEGRAM_OK);
+        s.seq = c.seq;
+        s.type = c.type;
+        ck_assert_int_eq(drv_state_encode(format, &s, &f), DRV_TELEGRAM_OK);
+        ck_assert_int_eq(r.servo.bus.send(r.servo.bus.ctx, &f), HDT_BUS_OK);
+        for (unsigned j = 0; c.type == DRV_CYCLIC && j < DRV_AXES; j++) {
+            int32_t unit = format == DRV_FORMAT_B ? rated[j] : 4096, now = c.axis[j].torque_dig * unit;
+            int32_t limit = t.joint[j].dig_max * 4096, rounding = format == DRV_FORMAT_B ? unit : 0;
+            most += abs(now) > limit - unit;
+            if (abs(now) > limit)
+                ck_abort_msg("axis %u, period %u: %g of %d digits", j + 1, n, now / 4096.0,
+                             (int)t.joint[j].dig_max);
+            if (now != 0 && abs(now - before[j]) > t.joint[j].dig_slew * 4096 + rounding)
+                ck_abort_msg("axis %u, period %u: from %g to %g digits", j + 1, n, before[j] / 4096.0,
+                             now / 4096.0);
+            before[j] = now;
+        }
+    }
+    ck_assert_uint_eq(r.out.fault, 0);
+    ck_assert_uint_gt(most, 1000); /* the limit was reached */
+}
+
+START_TEST(test_what_is_sent_keeps_the_limits_in_both_formats)
+{
+    limits_on_the_wire(_i ? DRV_FORMAT_B : DRV_FORMAT_A);
 }
 END_TEST
 
@@ -965,6 +1023,7 @@ static Suite *cycle_suite(void)
     tcase_add_test(t, test_digit_follows_the_count_the_servo_reported);
     tcase_add_test(t, test_each_axis_is_told_its_own_mode);
     tcase_add_test(t, test_format_b_is_converted_at_the_wire_and_nowhere_else);
+    tcase_add_loop_test(t, test_what_is_sent_keeps_the_limits_in_both_formats, 0, 2);
     tcase_add_test(t, test_format_b_wants_a_rated_torque_for_every_joint);
     tcase_add_test(t, test_fewer_joints_than_axes_leave_the_rest_braked);
     tcase_add_test(t, test_a_core_fault_brakes_every_axis_and_the_bus_goes_on);

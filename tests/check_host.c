@@ -797,6 +797,11 @@ START_TEST(test_init_refuses_what_cannot_run)
     struct drv_host_cfg idle = {.mode = HDT_MODE_IDLE};
     ck_assert_int_eq(drv_host_init(&w->host, &w->tables, &w->bus, NULL, &w->ref, &idle), HDT_ERR_ARG);
     ck_assert_int_eq(drv_host_init(&w->host, NULL, &w->bus, NULL, &w->ref, &idle), HDT_ERR_ARG);
+    struct drv_host_cfg good = {.mode = HDT_MODE_TORQUE};
+    w->ref.active = 0x80; /* an eighth joint: it would never answer */
+    ck_assert_int_eq(drv_host_init(&w->host, &w->tables, &w->bus, NULL, &w->ref, &good), HDT_ERR_ARG);
+    w->ref.active = 0x40;
+    ck_assert_int_eq(drv_host_init(&w->host, &w->tables, &w->bus, NULL, &w->ref, &good), HDT_OK);
 }
 END_TEST
 
