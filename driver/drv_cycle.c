@@ -42,7 +42,7 @@ int drv_cycle_set_format(struct drv_cycle *c, enum drv_format format, const uint
 static void lose_link(struct drv_cycle *c)
 {
     c->want_type = 0;
-    c->wait = 0;
+    c->ask_again = 0;
     c->in_step = 0;
     if (c->link == DRV_LINK_RUNNING)
         c->link = DRV_LINK_STARTING;
@@ -62,8 +62,6 @@ static int take(struct drv_cycle *c, const struct drv_state *s)
         c->link = DRV_LINK_RUNNING;
     if (s->type == DRV_END)
         c->end_answered = 1;
-    if (s->type == DRV_CLEAR)
-        c->wait = 0;
     if (s->type != DRV_CYCLIC)
         return 0;
     c->last = *s;
@@ -134,8 +132,7 @@ static void receive(struct drv_cycle *c, struct hdt_in *in)
     unsigned joints = c->core.tables->joints;
     uint32_t all = (1u << joints) - 1u;
     int fresh = drain(c);
-    /* an 'S' or 'E' may take as long as the retry; a cyclic command is answered at once or lost */
-    if (c->want_type == DRV_CYCLIC || (c->want_type != 0 && c->wait == 0)) {
+    if (c->want_type != 0 && --c->patience == 0) {
         c->count.lost++;
         c->want_type = 0;
     }
@@ -157,6 +154,7 @@ static int send_telegram(struct drv_cycle *c, struct drv_command *cmd)
     if (e == HDT_BUS_OK) {
         c->want_seq = cmd->seq;
         c->want_type = cmd->type;
+        c->patience = cmd->type == DRV_CYCLIC ? 1 : DRV_CYCLE_RETRY;
         return e;
     }
     c->count.send_dropped++;
@@ -169,14 +167,14 @@ static int send_telegram(struct drv_cycle *c, struct drv_command *cmd)
 static void send_mode(struct drv_cycle *c, uint8_t type)
 {
     struct drv_command cmd;
-    if (c->wait > 0) {
-        c->wait--;
+    if (c->ask_again > 1) {
+        c->ask_again--;
         return;
     }
     memset(&cmd, 0, sizeof cmd);
     cmd.type = type;
     (void)send_telegram(c, &cmd);
-    c->wait = DRV_CYCLE_RETRY - 1;
+    c->ask_again = DRV_CYCLE_RETRY;
 }
 
 /* Format B's word for a digit within dig_max: rounded, but not to a torque beyond dig_max. */
@@ -208,10 +206,8 @@ static void command_axis(const struct drv_cycle *c, unsigned j, uint32_t mode, c
 static int clear_next(struct drv_cycle *c)
 {
     struct drv_command cmd;
-    if (c->want_type == DRV_CLEAR) {
-        c->wait--; /* receive() gives it up at 0 */
+    if (c->want_type == DRV_CLEAR)
         return 1;
-    }
     if (c->alarms == 0)
         return 0;
     memset(&cmd, 0, sizeof cmd);
@@ -219,10 +215,8 @@ static int clear_next(struct drv_cycle *c)
     cmd.axis_no = 1;
     while ((c->alarms >> (cmd.axis_no - 1u) & 1u) == 0)
         cmd.axis_no++;
-    if (send_telegram(c, &cmd) == HDT_BUS_OK) {
+    if (send_telegram(c, &cmd) == HDT_BUS_OK)
         c->alarms &= c->alarms - 1u;
-        c->wait = DRV_CYCLE_RETRY - 1;
-    }
     return 1;
 }
 
@@ -307,7 +301,7 @@ int drv_cycle_end(struct drv_cycle *c)
     memset(&cmd, 0, sizeof cmd);
     cmd.type = DRV_END;
     int e = send_telegram(c, &cmd);
-    c->wait = e == HDT_BUS_OK ? DRV_CYCLE_RETRY - 1 : 0;
+    c->ask_again = e == HDT_BUS_OK ? DRV_CYCLE_RETRY : 0;
     return e;
 }
 

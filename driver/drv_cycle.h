@@ -29,7 +29,8 @@ enum drv_link {
     DRV_LINK_ENDED     /* 'E' sent                   */
 };
 
-/* While starting or ending, ask again after this many periods without an answer. */
+/* An 'S', 'A' or 'E' is given up, and the next one sent, after this many periods without an answer; the
+ * answer to a 'C' comes within one. */
 #define DRV_CYCLE_RETRY 10
 /* An axis told servo-on that still reports power off or uncontrollable after this long is in alarm.
  * Not at once: the reply to the command that switches on is of the moment before, and a power stage and
@@ -63,7 +64,8 @@ struct drv_cycle {
     uint8_t seq;                    /* of the last command sent, 0..127 */
     uint8_t want_seq;               /* of the reply awaited */
     uint8_t want_type;              /* enum drv_type of the reply awaited; 0: none */
-    unsigned wait;                  /* periods until 'S' or 'E' is sent again, or an 'A' given up */
+    unsigned patience;              /* periods until the reply awaited counts as lost */
+    unsigned ask_again;             /* periods until 'S' or 'E' is sent again; 0 or 1: at the next */
     uint32_t alarms;                /* bit per axis: its alarm is to be cleared before 'S' */
     int started;                    /* a state has arrived since init or restart         */
     int in_step;                    /* a state has arrived since the link was last up    */
@@ -92,8 +94,8 @@ int drv_cycle_init(struct drv_cycle *c, const struct hdt_tables *t, const struct
  * Context: start-up, after drv_cycle_init and before the first period. */
 int drv_cycle_set_format(struct drv_cycle *c, enum drv_format format, const uint16_t *rated_mnm);
 
-/* One period.  `in` says what the caller wants, in the core's words; its count, fresh and
- * servo_alarm are filled in here, the rest is left as it is.
+/* One period.  `in` says what the caller wants, in the core's words; its count, count_us,
+ * fresh and servo_alarm are filled in here, the rest is left as it is.
  *
  * What an axis is told:
  *   driven (in.active), torque mode     servo on, torque mode, digits
