@@ -11,8 +11,9 @@
 #include <string.h>
 
 #define MAGIC 0x6864745f61726d31u /* "hdt_arm1" */
-#define END_TRIES 200u            /* of END_WAIT_NS each until 'E' is answered, which is sent every tenth */
-#define END_WAIT_NS 1000000u
+#define END_NS 200000000u         /* so long for an answer to 'E', */
+#define END_LOOK_NS 1000000u      /* looked for so often,          */
+#define END_LOOKS 10u             /* and 'E' again after so many   */
 
 struct hdt_plugin_arm {
     uint64_t magic;
@@ -189,14 +190,15 @@ static int plugin_clear(struct hdt_plugin_arm *arm)
     return e;
 }
 
-/* 'E' until it is answered. */
+/* 'E' until it is answered, or END_NS have passed. */
 static int end_run(struct drv_cycle *c)
 {
     struct hdt_clock clock = hdt_clock_posix();
-    for (unsigned n = 0; n < END_TRIES; n++) {
-        if (n % 10 == 0)
+    uint64_t now = clock.now_ns(clock.ctx), end = now + END_NS;
+    for (unsigned n = 0; now < end; n++, now = clock.now_ns(clock.ctx)) {
+        if (n % END_LOOKS == 0)
             (void)drv_cycle_end(c);
-        (void)clock.sleep_until_ns(clock.ctx, clock.now_ns(clock.ctx) + END_WAIT_NS);
+        (void)clock.sleep_until_ns(clock.ctx, now + END_LOOK_NS < end ? now + END_LOOK_NS : end);
         if (drv_cycle_ended(c))
             return HDT_OK;
     }

@@ -124,7 +124,8 @@ struct hdt_plugin {
     int (*clear)(struct hdt_plugin_arm *arm);
 
     /* [main] End of the run.  With a bus: 'E', so that the servo puts its brakes on, repeated until
-     * answered, 0.2 s at most.  The arm is LOADED afterwards, whatever is returned.
+     * answered, 0.2 s at most (and the wake-up after it).  The arm is LOADED afterwards, whatever is
+     * returned.
      * Errors: HDT_ERR_ARG, _STATE, _BUSY, _BUS: nobody confirmed the end. */
     int (*stop)(struct hdt_plugin_arm *arm);
 

@@ -10,6 +10,7 @@
 #include <pthread.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cctype>
 #include <cstring>
 #include <fstream>
@@ -471,6 +472,28 @@ START_TEST(test_calls_that_overlap_are_refused_and_a_silent_servo_is_said)
 }
 END_TEST
 
+START_TEST(test_stop_waits_for_a_silent_servo_no_longer_than_it_says)
+{
+    Servo servo;
+    Arm a;
+    a.bus_name = "unix:" + servo.path;
+    for (Op op : {Create, Load, Open})
+        ck_assert_int_eq(a.call(op), HDT_OK);
+    __atomic_store_n(&servo.mute, 1, __ATOMIC_RELEASE);
+    usleep(2000);
+    hdt_clock clock = hdt_clock_posix();
+    double best_s = 1;
+    for (int n = 0; n < 4; n++) { // a late wake-up is the machine's
+        ck_assert_int_eq(a.call(Start), HDT_OK);
+        const uint64_t start_ns = clock.now_ns(clock.ctx);
+        ck_assert_int_eq(a.call(Stop), HDT_PLUGIN_ERR_BUS);
+        best_s = std::min(best_s, 1e-9 * static_cast<double>(clock.now_ns(clock.ctx) - start_ns));
+    }
+    ck_assert_double_ge(best_s, 0.2);
+    ck_assert_double_le(best_s, 0.205);
+}
+END_TEST
+
 START_TEST(test_arms_do_not_know_of_each_other)
 {
     Arm a, b;
@@ -529,6 +552,7 @@ static Suite *plugin_suite(void)
     tcase_add_checked_fixture(t, load_plugin, nullptr);
     tcase_add_test(t, test_every_order_of_six_calls_is_as_the_table_says);
     tcase_add_loop_test(t, test_long_walks_with_a_bus_are_as_the_table_says, 0, 3);
+    tcase_add_test(t, test_stop_waits_for_a_silent_servo_no_longer_than_it_says);
     tcase_add_test(t, test_calls_that_overlap_are_refused_and_a_silent_servo_is_said);
     suite_add_tcase(s, t);
     return s;
