@@ -255,7 +255,7 @@ static void change_phase(struct drv_host *h)
         enter(h, DRV_HOST_READY);
     else if (h->phase == DRV_HOST_IDLE && !h->cfg.operated && phase_s(h) > h->cfg.answer_s)
         begin_end(h, DRV_HOST_SILENT);
-    if (h->phase == DRV_HOST_READY && !h->cfg.operated && h->error == HDT_OK)
+    if (h->phase == DRV_HOST_READY && !h->cfg.operated)
         plan_approach(h);
     if (h->phase == DRV_HOST_APPROACH && h->approached_us * 1e-6 >= h->approach_s)
         enter(h, DRV_HOST_RUN);
