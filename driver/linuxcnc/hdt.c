@@ -11,6 +11,7 @@
  * Never: in hdt.update: allocates, blocks, prints (but one message when the thread's period is wrong).
  */
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -63,12 +64,24 @@ struct component {
 };
 static struct component *the;                      /* for rtapi_app_exit, which gets no argument */
 
+/* A number to fixed point; beyond what fits it saturates. */
 static int32_t fixed(double value, double scale)
 {
     double x = value * scale;
-    if (!(x < 2147483647.0)) /* also what is no number: a reference outside the limits is a fault */
+    if (x >= 2147483646.5)
         return INT32_MAX;
-    return x > -2147483647.0 ? (int32_t)(x < 0 ? x - 0.5 : x + 0.5) : -INT32_MAX;
+    return x > -2147483646.5 ? (int32_t)(x < 0 ? x - 0.5 : x + 0.5) : -INT32_MAX;
+}
+
+/* One joint's reference while it is driven.  A pin that is no number (nan, inf) makes it a standstill below
+ * every lower limit: a reference fault. */
+static void read_reference(const struct joint_pins *k, struct hdt_in *in, unsigned j)
+{
+    const double q = *k->q_ref, v = *k->v_ref, a = *k->a_ref;
+    const int numbers = isfinite(q) && isfinite(v) && isfinite(a);
+    in->q_ref[j].raw = numbers ? fixed(q, 16777216.0) : INT32_MIN;
+    in->v_ref[j].raw = numbers ? fixed(v, 16777216.0) : 0;
+    in->a_ref[j].raw = numbers ? fixed(a, 65536.0) : 0;
 }
 
 static void read_pins(struct component *c, int drive)
@@ -76,11 +89,12 @@ static void read_pins(struct component *c, int drive)
     const struct pins *p = c->pin;
     c->in.mode = !drive ? HDT_MODE_IDLE : *p->velocity_mode ? HDT_MODE_VELOCITY : HDT_MODE_TORQUE;
     for (unsigned j = 0; j < c->info.joints; j++) {
-        const struct joint_pins *k = &p->joint[j];
         /* while idle the reference follows the arm: what is not driven cannot be out of its limits */
-        c->in.q_ref[j].raw = drive ? fixed(*k->q_ref, 16777216.0) : c->out.q[j].raw;
-        c->in.v_ref[j].raw = drive ? fixed(*k->v_ref, 16777216.0) : 0;
-        c->in.a_ref[j].raw = drive ? fixed(*k->a_ref, 65536.0) : 0;
+        c->in.q_ref[j] = c->out.q[j];
+        c->in.v_ref[j].raw = 0;
+        c->in.a_ref[j].raw = 0;
+        if (drive)
+            read_reference(&p->joint[j], &c->in, j);
     }
 }
 
