@@ -128,12 +128,121 @@ START_TEST(test_numbers_beyond_the_core_s_saturate_with_their_sign)
 }
 END_TEST
 
+/* An edge of clear. */
+static void clear_edge(void)
+{
+    *bit("hdt.clear") = true;
+    run(2);
+    *bit("hdt.clear") = false;
+}
+
+START_TEST(test_only_an_edge_of_enable_on_a_ready_arm_starts_to_drive)
+{
+    load(rig_tables());
+    *bit("hdt.enable") = true;
+    run(60);
+    ck_assert(*bit("hdt.ready") && !*bit("hdt.driving"));
+    ck_assert_uint_eq(braked(), EVERY_JOINT);
+    *bit("hdt.enable") = false;
+    run(1);
+    drive();
+    ck_assert_uint_eq(braked(), 0);
+    *bit("hdt.enable") = false;
+    run(1);
+    ck_assert(!*bit("hdt.driving"));
+    ck_assert_uint_eq(braked(), EVERY_JOINT);
+    leave_directory();
+}
+END_TEST
+
+START_TEST(test_a_cleared_fault_does_not_start_the_arm)
+{
+    load(rig_tables());
+    drive();
+    servo.state.axis[4].status = DRV_ALARM_OVER_CURRENT << DRV_ALARM_SHIFT;
+    run(5);
+    ck_assert_uint_eq(*word("hdt.fault-code"), HDT_FAULT_SERVO);
+    ck_assert_uint_eq(*word("hdt.fault-joints"), 1u << 4);
+    clear_edge();
+    for (int n = 0; n < 60; n++) {
+        run(1);
+        ck_assert(!*bit("hdt.driving"));
+        ck_assert_uint_eq(braked(), EVERY_JOINT);
+    }
+    ck_assert(*bit("hdt.ready") && !*bit("hdt.fault"));
+    *bit("hdt.enable") = false;
+    run(1);
+    drive();
+    ck_assert_uint_eq(braked(), 0);
+    leave_directory();
+}
+END_TEST
+
+START_TEST(test_clear_without_a_fault_does_nothing)
+{
+    load(rig_tables());
+    drive();
+    const unsigned starts = servo.starts;
+    *bit("hdt.clear") = true;
+    for (int n = 0; n < 30; n++) {
+        run(1);
+        ck_assert(*bit("hdt.driving") && *bit("hdt.ready"));
+        ck_assert_uint_eq(braked(), 0);
+    }
+    ck_assert_uint_eq(servo.starts, starts);
+    /* and the level it was left at is no edge once there is a fault */
+    *number("hdt.0.q-ref") = 4;
+    run(30);
+    ck_assert_uint_eq(*word("hdt.fault-code"), HDT_FAULT_REFERENCE);
+    *bit("hdt.clear") = false;
+    run(1);
+    clear_edge();
+    run(30);
+    ck_assert(*bit("hdt.ready") && !*bit("hdt.driving"));
+    leave_directory();
+}
+END_TEST
+
+START_TEST(test_a_period_that_fails_keeps_the_angle_and_is_not_driven)
+{
+    load(rig_tables());
+    servo.state.axis[1].count = 20000;
+    *number("hdt.1.q-ref") = 0.15;
+    drive();
+    const double q = *number("hdt.1.q");
+    ck_assert_double_eq_tol(q, 20000 * 7.669904e-6, 1e-5);
+    if (_i == 1) { /* also a fault is not forgotten */
+        *number("hdt.1.q-ref") = 4;
+        run(1);
+    }
+    rtapi.now_ns -= PERIOD_NS; /* time stands still for a period */
+    run(1);
+    ck_assert_double_eq(*number("hdt.1.q"), q);
+    ck_assert(!*bit("hdt.driving") && !*bit("hdt.ready"));
+    ck_assert_uint_eq(braked(), EVERY_JOINT);
+    ck_assert_uint_eq(*word("hdt.fault-code"), _i == 1 ? HDT_FAULT_REFERENCE : 0);
+    /* and what it braked waits for an edge of enable as well */
+    for (int n = 0; n < 40; n++) {
+        run(1);
+        ck_assert(!*bit("hdt.driving") && *bit("hdt.ready") == (_i == 0));
+        ck_assert_uint_eq(braked(), EVERY_JOINT);
+    }
+    leave_directory();
+}
+END_TEST
+
 static Suite *hal_suite(void)
 {
     Suite *s = suite_create("hal");
     TCase *t = tcase_create("pins");
     tcase_add_loop_test(t, test_a_pin_that_is_no_number_is_a_reference_fault_and_no_motion, 0, 36);
     tcase_add_test(t, test_numbers_beyond_the_core_s_saturate_with_their_sign);
+    suite_add_tcase(s, t);
+    t = tcase_create("driving");
+    tcase_add_test(t, test_only_an_edge_of_enable_on_a_ready_arm_starts_to_drive);
+    tcase_add_test(t, test_a_cleared_fault_does_not_start_the_arm);
+    tcase_add_test(t, test_clear_without_a_fault_does_nothing);
+    tcase_add_loop_test(t, test_a_period_that_fails_keeps_the_angle_and_is_not_driven, 0, 2);
     suite_add_tcase(s, t);
     return s;
 }
