@@ -99,14 +99,17 @@ START_TEST(test_a_pin_that_is_no_number_is_a_reference_fault_and_no_motion)
     drive();
     ck_assert_uint_eq(braked(), 0);
     *number(reference[_i / 4 % 3]) = none[_i / 12];
+    run(1);
+    ck_assert_int_eq(the->in.v_ref[1].raw | the->in.a_ref[1].raw, 0);
+    ck_assert_int_eq(the->in.q_ref[1].raw, INT32_MIN);
     for (int n = 0; n < 10; n++) {
-        run(1);
         ck_assert_uint_eq(*word("hdt.fault-code"), HDT_FAULT_REFERENCE);
         ck_assert_uint_eq(*word("hdt.fault-joints"), 1u << 1);
         ck_assert(!*bit("hdt.driving") && !*bit("hdt.ready"));
         ck_assert_uint_eq(braked(), EVERY_JOINT);
         ck_assert_int_eq(servo.last.axis[1].speed_dig, 0);
         ck_assert_int_eq(servo.last.axis[1].torque_dig, 0);
+        run(1);
     }
     leave_directory();
 }
