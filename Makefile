@@ -292,6 +292,8 @@ $(BUILD)/tests/rt_probe: tests/rt_probe.c | $(READY)
 	@mkdir -p $(@D) && $(CC) -O1 -std=gnu99 -Wall -Wextra -Werror -o $@ $< -lpthread
 $(BUILD)/tests/check_rt: | $(BUILD)/hdt $(BUILD)/tests/rt_shim.so $(BUILD)/tests/rt_probe
 $(BUILD)/tests/check_plugin: | $(BUILD)/libhdt.so.$(VERSION)
+# the LinuxCNC component, in a HAL of the test's
+$(BUILD)/obj/tests/check_hal.c.o: INC += -Itests/hal
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.c.o $(LIBS)
 	@mkdir -p $(@D) && echo "  LD  $@" && $(CXX) $(OPT) -o $@ $(filter %.o,$^) $(LIBS) $(CHECK) $(LINK)
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.cpp.o $(LIBS)

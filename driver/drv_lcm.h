@@ -36,6 +36,10 @@ struct drv_lcm_state {
 #define DRV_LCM_ORDER 0x48445401u
 #define DRV_LCM_LIBRARY (HDT_VERSION_MAJOR << 16 | HDT_VERSION_MINOR << 8 | HDT_VERSION_PATCH)
 
+/* Can this be the memory of a core that began as `fresh`, by hdt_init, and ran?  A core that is not would
+ * overflow.  0, or -1 and one line in err: which member, and its bounds. */
+int drv_lcm_check_core(const hdt_t *core, const hdt_t *fresh, char *err, size_t errlen);
+
 struct drv_lcm_head {
     uint32_t magic;
     uint64_t number;              /* of the event, from 0 */

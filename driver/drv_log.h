@@ -25,6 +25,7 @@ extern "C" {
 
 #define DRV_LOG_NONE (-100)
 #define DRV_LOG_OTHER_BUILD (-101)
+#define DRV_LOG_DAMAGED (-102)
 
 /* Everything one period saw and did: enough to replay it. */
 struct drv_record {
@@ -95,9 +96,10 @@ int drv_reader_next(struct drv_reader *r, struct drv_record *rec);
  * DRV_LOG_NONE when the log has none (written by a version before they were in it). */
 int drv_reader_tables(const struct drv_reader *r, struct hdt_tables *out);
 /* The core before the first record, with these tables: as hdt_init leaves it unless the log begins
- * within a run.  HDT_OK, an error of hdt_init, or DRV_LOG_OTHER_BUILD: the state is a copy of memory,
- * and the host that wrote it lays it out another way. */
-int drv_reader_start(const struct drv_reader *r, const struct hdt_tables *tables, hdt_t *core);
+ * within a run.  HDT_OK, an error of hdt_init, DRV_LOG_OTHER_BUILD: the state is a copy of memory, and
+ * the host that wrote it lays it out another way, or DRV_LOG_DAMAGED: no core's memory can be that,
+ * drv_reader_error says why and no record is given.  *core is to be used after HDT_OK only. */
+int drv_reader_start(struct drv_reader *r, const struct hdt_tables *tables, hdt_t *core);
 const char *drv_reader_error(const struct drv_reader *r); /* "" while all is well */
 void drv_reader_close(struct drv_reader *r);
 

@@ -148,6 +148,7 @@ ssize_t drv_net_recv(struct drv_net *n, int fd, void *data, size_t room)
     m.msg_control = control.bytes;
     m.msg_controllen = sizeof control.bytes;
     ssize_t got = recvmsg(fd, &m, 0);
+    n->stamp_ns = 0;
     for (struct cmsghdr *c = got < 0 ? NULL : CMSG_FIRSTHDR(&m); c != NULL; c = CMSG_NXTHDR(&m, c)) {
         struct timespec stamp;
         uint32_t lost;
@@ -155,7 +156,7 @@ ssize_t drv_net_recv(struct drv_net *n, int fd, void *data, size_t room)
             continue;
         if (c->cmsg_type == SCM_STAMP && c->cmsg_len >= CMSG_LEN(sizeof stamp)) {
             memcpy(&stamp, CMSG_DATA(c), sizeof stamp);
-            n->health.received_ns = monotonic_of(&stamp);
+            n->stamp_ns = monotonic_of(&stamp);
         } else if (c->cmsg_type == SO_RXQ_OVFL && c->cmsg_len >= CMSG_LEN(sizeof lost)) {
             memcpy(&lost, CMSG_DATA(c), sizeof lost);
             n->socket_lost = lost;
@@ -176,6 +177,8 @@ void drv_net_took(struct drv_net *n, int telegram)
 {
     n->health.received += telegram != 0;
     n->health.foreign += telegram == 0;
+    if (telegram)
+        n->health.received_ns = n->stamp_ns;
     (void)drv_net_is_on(n); /* one that was off may be back */
 }
 

@@ -21,6 +21,7 @@ struct drv_net {
     uint8_t node;         /* first byte of its address, 0 where it has none */
     int socket_fd;        /* as drv_net_open gave it, to ask by     */
     int carrier_fd;       /* the interface's carrier, -1: not known */
+    uint64_t stamp_ns;    /* of the datagram received last, telegram or not; 0: none */
     uint32_t socket_lost; /* frames, as the socket counts them      */
     uint32_t chip_lost;   /* times the controller said it lost some */
     struct hdt_bus_health health;
@@ -43,8 +44,8 @@ void drv_net_close(struct drv_net *n);
 int drv_net_socket(struct drv_net *n, const struct drv_net_kind *kind, char *err, size_t errlen);
 int drv_net_fail(const struct drv_net *n, char *err, size_t errlen, const char *what);
 
-/* One datagram, its time of arrival and the frames lost before it into n->health.  Returns its length,
- * or -1 and errno. */
+/* One datagram, its time of arrival and the frames lost before it into n; the time goes into its health when
+ * drv_net_took says that it was a telegram.  Returns its length, or -1 and errno. */
 ssize_t drv_net_recv(struct drv_net *n, int fd, void *data, size_t room);
 /* After a send or receive that failed with this errno: HDT_BUS_ERR_AGAIN, or _DOWN and the line off. */
 int drv_net_failed(struct drv_net *n, int error);

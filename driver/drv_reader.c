@@ -200,15 +200,20 @@ int drv_reader_tables(const struct drv_reader *r, struct hdt_tables *out)
     return r->tables_size == 0 ? DRV_LOG_NONE : hdt_tables_read(r->tables, r->tables_size, out);
 }
 
-int drv_reader_start(const struct drv_reader *r, const struct hdt_tables *tables, hdt_t *core)
+int drv_reader_start(struct drv_reader *r, const struct hdt_tables *tables, hdt_t *core)
 {
     const struct drv_lcm_state *s = &r->state;
+    char why[160];
     int e = hdt_init(core, tables);
     if (e != HDT_OK || !r->has_state)
         return e;
     if (s->order != DRV_LCM_ORDER || s->version != DRV_LCM_LIBRARY || s->layout != HDT_TABLES_LAYOUT ||
         s->size != sizeof s->core)
         return DRV_LOG_OTHER_BUILD;
+    if (drv_lcm_check_core(&s->core, core, why, sizeof why) != 0) {
+        (void)snprintf(r->err, sizeof r->err, "%s: the core's state in it is damaged: %s", r->path, why);
+        return DRV_LOG_DAMAGED;
+    }
     *core = s->core;
     core->tables = tables;
     return HDT_OK;

@@ -4,7 +4,6 @@
 
 #include <errno.h>
 #include <string.h>
-#include <sys/select.h>
 
 #define SECOND_NS 1000000000u
 #define FIRST_OCTAVE 10u  /* class 0 is all below 2^10 ns */
@@ -88,35 +87,33 @@ int drv_rt_init(struct drv_rt *rt, const struct drv_rt_cfg *cfg, const struct hd
     return HDT_OK;
 }
 
-/* Wait on the bus' descriptor until t_ns; when something is there to read, say when that was. */
-static uint64_t listen_until(struct drv_rt *rt, const struct hdt_bus *bus, uint64_t t_ns)
+/* How much later than on the own grid the next period is to start: the share of a period at most, and
+ * nothing when the awaited telegram has not come, or not said when. */
+static int64_t follow(struct drv_rt *rt, const struct drv_host *host)
 {
-    uint64_t now = rt->clock.now_ns(rt->clock.ctx);
-    int fd = bus->fd != NULL ? bus->fd(bus->ctx) : -1;
-    if (rt->heard_ns != NULL)
-        return rt->heard_ns(rt->heard_ctx, t_ns);
-    if (fd < 0 || fd >= FD_SETSIZE || now >= t_ns)
+    const int64_t period = rt->period_ns, most = period / DRV_RT_FOLLOW_SHARE;
+    const uint64_t received = host->cycle.count.received;
+    struct hdt_bus_health h;
+    hdt_bus_get_health(&host->cycle.bus, &h);
+    const int heard = received != rt->received && h.received_ns != 0;
+    rt->received = received;
+    if (!heard) {
+        rt->timing.unheard++;
         return 0;
-    struct timespec left = {.tv_sec = (time_t)((t_ns - now) / SECOND_NS),
-                            .tv_nsec = (long)((t_ns - now) % SECOND_NS)};
-    fd_set set;
-    FD_ZERO(&set);
-    FD_SET(fd, &set);
-    return pselect(fd + 1, &set, NULL, NULL, &left, NULL) == 1 ? rt->clock.now_ns(rt->clock.ctx) : 0;
+    }
+    /* to the nearest start that is the lead before the telegram, which came before this start, or whole
+     * periods from there */
+    int64_t late = (int64_t)(h.received_ns - rt->cfg.follow_lead_ns - rt->next_ns) % period;
+    if (late < -(period / 2))
+        late += period;
+    return late > most ? most : late < -most ? -most : late;
 }
 
 /* When the period after the one that was due at next_ns is due. */
-static uint64_t due_after(struct drv_rt *rt, const struct hdt_bus *bus)
+static uint64_t due_after(struct drv_rt *rt, const struct drv_host *host)
 {
-    uint64_t own = rt->next_ns + rt->period_ns;
-    if (rt->cfg.follow_lead_ns == 0)
-        return own;
-    uint64_t heard = listen_until(rt, bus, own);
-    if (heard == 0) {
-        rt->timing.unheard++;
-        return own;
-    }
-    return heard + rt->period_ns - rt->cfg.follow_lead_ns;
+    const uint64_t own = rt->next_ns + rt->period_ns;
+    return rt->cfg.follow_lead_ns == 0 ? own : own + (uint64_t)follow(rt, host);
 }
 
 static int sleep_until(struct drv_rt *rt, uint64_t t_ns)
@@ -166,7 +163,7 @@ int drv_rt_run(struct drv_rt *rt, struct drv_host *host)
             rt->to_mail = rt->mail_every - 1;
             post(rt, host, 1);
         }
-        rt->next_ns = due_after(rt, &host->cycle.bus);
+        rt->next_ns = due_after(rt, host);
     }
     post(rt, host, 0);
     return broken;

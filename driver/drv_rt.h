@@ -4,8 +4,10 @@
  *
  * One timing rule: periods start at multiples of the period on the monotonic clock, t0 + k period.
  * A wake-up that comes after the next period has begun skips the periods it missed: none is run
- * twice in a row to catch up.  With follow_lead_ns the bus is the master: a period starts
- * period - follow_lead after a telegram of the servo came in, and by the own clock where none came.
+ * twice in a row to catch up.  With follow_lead_ns the servo's clock is followed, where it answers at
+ * ticks of its own: periods are drawn to start follow_lead before its telegrams come in, each longer or
+ * shorter than the period by a share (DRV_RT_FOLLOW_SHARE) at most, so that nothing on the bus can set
+ * the rate; where none came the own clock goes on.
  *
  * Owns: the loop, its counts and histograms, what is done about missed periods.
  * Never: in drv_rt_run: allocates, locks, prints, waits for anything but the next period.
@@ -47,12 +49,17 @@ enum drv_overrun {
 struct drv_rt_cfg {
     enum drv_overrun overrun;
     unsigned overrun_limit;      /* periods missed within a second that are let pass */
-    uint32_t follow_lead_ns;     /* 0: own clock; else bus clock, less than the period */
+    uint32_t follow_lead_ns;     /* 0: own clock; else follow the servo's; less than the period */
 };
+
+/* Following, a period differs from the tables' by one part in so many at most: ten times what two quartz
+ * clocks do, and half a period is made up within 250. */
+#define DRV_RT_FOLLOW_SHARE 500
 
 struct drv_timing {
     uint64_t missed;             /* periods that were skipped, since start            */
-    uint64_t unheard;            /* following the bus: periods without a telegram     */
+    uint64_t unheard;            /* following: periods without the awaited telegram, or without a
+                                  * time it came (hdt_bus_health.received_ns)         */
     uint64_t status_dropped;     /* snapshots the mailbox had no room for             */
     struct drv_hist wake;        /* start of a period after it was due                */
     struct drv_hist work;        /* from start to end of a period's work              */
@@ -75,14 +82,11 @@ int drv_rt_mail_take(struct drv_rt_mailbox *box, struct drv_rt_mail *mail);
 struct drv_rt {
     struct drv_rt_cfg cfg;
     struct hdt_clock clock;
-    /* When did a telegram come in?  Waits until t_ns at the latest; 0: none came.  NULL: as poll on
-     * the bus' fd says.  For tests. */
-    uint64_t (*heard_ns)(void *ctx, uint64_t t_ns);
-    void *heard_ctx;
     uint32_t period_ns;
     uint64_t next_ns;
     uint64_t second_ns;          /* start of the second that missed_second counts in */
     unsigned missed_second;
+    uint64_t received;           /* replies of the servo by the last period, following */
     struct drv_timing timing;
     struct drv_rt_mailbox *box;  /* may be NULL */
     unsigned mail_every, to_mail;

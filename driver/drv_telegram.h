@@ -12,6 +12,7 @@
 #ifndef DRV_TELEGRAM_H
 #define DRV_TELEGRAM_H
 
+#include <stddef.h>
 #include <stdint.h>
 
 #include "driver/hdt_bus.h"
@@ -164,6 +165,11 @@ enum drv_telegram_err {
  * up: 1 servo to host, 0 host to servo.
  * Errors: DRV_TELEGRAM_TYPE, _FORMAT; _LENGTH when fewer bytes are there than the type has. */
 int drv_telegram_len(enum drv_format format, const uint8_t *data, unsigned len, int up);
+
+/* Can the bus of this name, as hdt_bus_open takes it, carry every telegram of the format?  CAN FD frames, at
+ * most 64 bytes, cannot carry Format B's state.  0, or DRV_TELEGRAM_LENGTH and one line in err (may be NULL)
+ * with the remedy.  A name that is NULL or no bus is hdt_bus_open's to refuse: 0.  Any thread. */
+int drv_telegram_fits(enum drv_format format, const char *bus, char *err, size_t errlen);
 
 /* Errors of all four: negative enum drv_telegram_err, and the output untouched.  Pure; any thread. */
 int drv_command_encode(enum drv_format format, const struct drv_command *c, struct hdt_frame *f);

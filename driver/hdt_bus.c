@@ -51,6 +51,15 @@ int hdt_bus_open(struct hdt_bus *bus, const char *name, enum hdt_bus_side side, 
                         "%.200s: not a bus: expected " NAMES, name);
 }
 
+int drv_telegram_fits(enum drv_format format, const char *bus, char *err, size_t errlen)
+{
+    if (format != DRV_FORMAT_B || bus == NULL || strncmp(bus, "can:", 4) != 0)
+        return DRV_TELEGRAM_OK;
+    return drv_bus_fail(DRV_TELEGRAM_LENGTH, err, errlen,
+                        "%.40s: Format B's state telegram of %d bytes does not fit into a CAN FD frame of "
+                        "%d: use isotp:IFACE", bus, DRV_STATE_LEN_B, (int)DRV_CAN_DATA_MAX);
+}
+
 void hdt_bus_close(struct hdt_bus *bus)
 {
     if (bus->close != NULL)

@@ -94,6 +94,27 @@ static int plugin_create(const struct hdt_plugin_host *host, void *memory, size_
     return HDT_OK;
 }
 
+static const char *plugin_strerror(int err)
+{
+    switch (err) {
+    case HDT_PLUGIN_ERR_STATE: return "not legal in this state of the arm";
+    case HDT_PLUGIN_ERR_BUSY: return "another call of this arm is running";
+    case HDT_PLUGIN_ERR_VERSION: return "host and plugin were built against different ABIs";
+    case HDT_PLUGIN_ERR_MEMORY: return "memory too small, misaligned or not zeroed";
+    case HDT_PLUGIN_ERR_IMAGE: return "not a table image this core takes";
+    case HDT_PLUGIN_ERR_BUS: return "the bus cannot be opened, or the servo did not confirm the end";
+    default: return hdt_strerror(err);
+    }
+}
+
+/* A line into err, if there is room for one, and e back. */
+static int refuse(int e, const char *line, char *err, size_t errlen)
+{
+    if (err != NULL && errlen > 0)
+        (void)snprintf(err, errlen, "%s", line);
+    return e;
+}
+
 /* What is wrong with an image, in one line. */
 static void explain_image(int e, const struct hdt_tables *t, size_t bytes, char *err, size_t errlen)
 {
@@ -120,11 +141,11 @@ static int plugin_load(struct hdt_plugin_arm *arm, const uint8_t *image, size_t 
 {
     int e = enter(arm, IN(CREATED) | IN(LOADED));
     if (e != HDT_OK)
-        return e;
+        return refuse(e, plugin_strerror(e), err, errlen);
     if (image == NULL) {
-        e = HDT_ERR_ARG;
+        e = refuse(HDT_ERR_ARG, "tables: no image: null pointer", err, errlen);
     } else if (arm->has_bus) {
-        e = HDT_PLUGIN_ERR_STATE;
+        e = refuse(HDT_PLUGIN_ERR_STATE, "tables: a bus is open: close it first", err, errlen);
     } else {
         e = hdt_tables_read(image, bytes, &arm->tables);
         if (e != 0)
@@ -227,43 +248,39 @@ static int plugin_destroy(struct hdt_plugin_arm *arm)
     return HDT_OK;
 }
 
-static const char *plugin_strerror(int err)
+/* What bus_open asks before anything is opened. */
+static int bus_check(struct hdt_plugin_arm *arm, const char *name, enum drv_format format,
+                     const uint16_t *rated_mnm, char *err, size_t errlen)
 {
-    switch (err) {
-    case HDT_PLUGIN_ERR_STATE: return "not legal in this state of the arm";
-    case HDT_PLUGIN_ERR_BUSY: return "another call of this arm is running";
-    case HDT_PLUGIN_ERR_VERSION: return "host and plugin were built against different ABIs";
-    case HDT_PLUGIN_ERR_MEMORY: return "memory too small, misaligned or not zeroed";
-    case HDT_PLUGIN_ERR_IMAGE: return "not a table image this core takes";
-    case HDT_PLUGIN_ERR_BUS: return "the bus cannot be opened, or the servo did not confirm the end";
-    default: return hdt_strerror(err);
-    }
+    struct drv_cycle *c = &arm->cycle;
+    if (arm->has_bus)
+        return refuse(HDT_PLUGIN_ERR_STATE, "bus: one is open: close it first", err, errlen);
+    if (name == NULL)
+        return refuse(HDT_ERR_ARG, "bus: no name: null pointer", err, errlen);
+    if (arm->tables.joints > DRV_AXES)
+        return refuse(HDT_ERR_ARG, "bus: the arm has more joints than a telegram has axes, 7", err, errlen);
+    /* the cycle itself says which format and torques it takes */
+    c->core.tables = &arm->tables;
+    if (drv_cycle_set_format(c, format, rated_mnm) != HDT_OK)
+        return refuse(HDT_ERR_ARG, "bus: expected Format A, or Format B with rated torques above 0",
+                      err, errlen);
+    if (drv_telegram_fits(format, name, err, errlen) != DRV_TELEGRAM_OK)
+        return HDT_PLUGIN_ERR_BUS;
+    return HDT_OK;
 }
 
 static int bus_open(struct hdt_plugin_arm *arm, const char *name, enum drv_format format,
                     const uint16_t *rated_mnm, char *err, size_t errlen)
 {
-    struct drv_cycle *c;
     int e = enter(arm, IN(LOADED));
     if (e != HDT_OK)
-        return e;
-    c = &arm->cycle;
-    if (arm->has_bus) {
-        leave(arm);
-        return HDT_PLUGIN_ERR_STATE;
-    }
-    if (name == NULL || arm->tables.joints > DRV_AXES) {
-        leave(arm);
-        return HDT_ERR_ARG;
-    }
-    /* the cycle itself says which format and torques it takes, before anything is opened */
-    c->core.tables = &arm->tables;
-    e = drv_cycle_set_format(c, format, rated_mnm);
+        return refuse(e, plugin_strerror(e), err, errlen);
+    e = bus_check(arm, name, format, rated_mnm, err, errlen);
     if (e == HDT_OK && hdt_bus_open(&arm->bus, name, HDT_BUS_HOST, err, errlen) != HDT_BUS_OK)
         e = HDT_PLUGIN_ERR_BUS;
     if (e == HDT_OK) {
         arm->format = format;
-        memcpy(arm->rated_mnm, c->rated_mnm, sizeof arm->rated_mnm);
+        memcpy(arm->rated_mnm, arm->cycle.rated_mnm, sizeof arm->rated_mnm);
         arm->has_bus = 1;
     }
     leave(arm);

@@ -105,8 +105,8 @@ struct hdt_plugin {
                   struct hdt_plugin_arm **arm);
 
     /* [main] Check and copy a .hdtm image (`hdt gen`).  Tables loaded before are replaced.
-     * Errors: HDT_ERR_ARG, _IMAGE, _STATE, also while a bus is open, _BUSY; one line in err (may be
-     * NULL) says what and where; after _IMAGE the arm is CREATED. */
+     * Errors: HDT_ERR_ARG, _IMAGE, _STATE, also while a bus is open, _BUSY; each with one line in err
+     * (may be NULL): what and where.  After _IMAGE the arm is CREATED. */
     int (*load)(struct hdt_plugin_arm *arm, const uint8_t *image, size_t bytes, char *err, size_t errlen);
 
     /* [main] What was loaded; may overlap with [rt].  Errors: HDT_ERR_ARG, _STATE. */
@@ -157,7 +157,8 @@ struct hdt_plugin_bus {
     /* [main] hdt_bus_open as the host's side, and the telegrams' format; rated_mnm as
      * drv_cycle_set_format has it, NULL with Format A.
      * Errors: HDT_ERR_ARG (also: more joints than a telegram has axes), _STATE (not LOADED, or a bus
-     * is open), _BUSY, _BUS, with one line in err (may be NULL). */
+     * is open), _BUSY, _BUS (also: a bus that cannot carry the format), each with one line in err (may be
+     * NULL). */
     int (*open)(struct hdt_plugin_arm *arm, const char *name, enum drv_format format,
                 const uint16_t *rated_mnm, char *err, size_t errlen);
 

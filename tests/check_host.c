@@ -545,7 +545,8 @@ struct slow_clock {
     enum drv_host_request asked_then;
     int fail, interrupts;
     struct world *w;
-    uint64_t tick_ns, heard;   /* the bus' own clock, when it is to be followed */
+    uint64_t slept_ns[2];      /* lengths of sleep to sleep: shortest, longest */
+    uint64_t woken_ns;         /* the last time */
 };
 
 static uint64_t slow_now(void *ctx)
@@ -572,6 +573,12 @@ static int slow_sleep(void *ctx, uint64_t t)
     }
     if (t > c->now)
         c->now = t;
+    if (c->sleeps > 1) {
+        const uint64_t length = c->now - c->woken_ns;
+        c->slept_ns[0] = c->slept_ns[0] == 0 || length < c->slept_ns[0] ? length : c->slept_ns[0];
+        c->slept_ns[1] = length > c->slept_ns[1] ? length : c->slept_ns[1];
+    }
+    c->woken_ns = c->now;
     if (c->sleeps >= c->late_at && c->sleeps < c->late_at + c->late_n)
         c->now += c->late_ns;
     if (c->late_every != 0 && c->sleeps == c->late_at)
@@ -673,44 +680,114 @@ START_TEST(test_a_clock_that_fails_ends_the_run)
 }
 END_TEST
 
-/* The bus answers at ticks of its own clock. */
-static uint64_t heard_at_tick(void *ctx, uint64_t t)
+/* ---- the bus as the clock ---- */
+
+/* A bus that knows when a telegram came: at the last tick of the servo's clock, or, without one, so long
+ * after the command it answers. */
+struct stamped_bus {
+    struct hdt_bus bus;          /* beneath */
+    struct slow_clock *clock;
+    uint64_t tick_ns, answer_ns; /* one of them */
+    unsigned mute_at, mute_n;    /* replies from this one on, so many, are no telegrams */
+    int stampless;               /* does not know when */
+    unsigned replies;
+    uint64_t asked_ns, came_ns;
+};
+
+static int stamped_send(void *ctx, const struct hdt_frame *f)
 {
-    struct slow_clock *c = ctx;
-    uint64_t tick = (c->now / c->tick_ns + 1) * c->tick_ns;
-    if (tick > t || (c->late_n != 0 && c->sleeps >= c->late_at && c->sleeps < c->late_at + c->late_n))
-        return 0;
-    return c->heard = c->now = tick;
+    struct stamped_bus *b = ctx;
+    b->asked_ns = b->clock->now;
+    return b->bus.send(b->bus.ctx, f);
 }
 
-START_TEST(test_the_bus_clock_is_followed_whatever_it_is_off_by)
+static int stamped_recv(void *ctx, struct hdt_frame *f)
 {
-    /* twice a period, 1000 ppm slow and fast; the lead is less than a tick */
-    static const int ppm[] = {-1000, 0, 1000};
+    struct stamped_bus *b = ctx;
+    int e = b->bus.recv(b->bus.ctx, f);
+    if (e != HDT_BUS_OK)
+        return e;
+    b->came_ns = b->tick_ns != 0 ? b->clock->now / b->tick_ns * b->tick_ns : b->asked_ns + b->answer_ns;
+    if (b->replies++ - b->mute_at < b->mute_n)
+        f->data[1] = 'X'; /* something else, with its stamp */
+    return e;
+}
+
+static void stamped_health(void *ctx, struct hdt_bus_health *h)
+{
+    struct stamped_bus *b = ctx;
+    memset(h, 0, sizeof *h);
+    h->received_ns = b->stampless ? 0 : b->came_ns;
+}
+
+#define FOLLOW_PERIOD_NS 1428571
+#define FOLLOW_MOST_NS (FOLLOW_PERIOD_NS / DRV_RT_FOLLOW_SHARE + 1)
+
+/* 1400 periods with that bus; what is left of b and c is looked at afterwards. */
+static struct drv_rt *follow(struct stamped_bus *b, struct slow_clock *c, uint32_t lead_ns)
+{
     struct world *w = world_new((struct drv_host_cfg){.settle_s = 0.1, .approach_radps = 2});
-    struct slow_clock c = {.tick_ns = (uint64_t)(1428571 / 2 * (1 + ppm[_i] * 1e-6)), .stop_at = 1400};
-    struct drv_rt *rt = rt_new(&c, w, (struct drv_rt_cfg){.follow_lead_ns = 300000}, NULL);
-    rt->heard_ns = heard_at_tick;
-    rt->heard_ctx = &c;
+    c->stop_at = 1400;
+    struct drv_rt *rt = rt_new(c, w, (struct drv_rt_cfg){.follow_lead_ns = lead_ns}, NULL);
+    b->bus = w->host.cycle.bus;
+    b->clock = c;
+    w->host.cycle.bus = (struct hdt_bus){.ctx = b, .send = stamped_send, .recv = stamped_recv,
+                                         .health = stamped_health};
     ck_assert_int_eq(drv_rt_run(rt, &w->host), 0);
-    ck_assert_uint_eq(rt->timing.unheard, 0);
     ck_assert_uint_eq(rt->timing.missed, 0);
-    /* every period two of its ticks, counted from the first tick heard */
-    double ticks = (double)(c.heard - 5000000000u) / (double)c.tick_ns;
-    ck_assert_double_eq_tol(ticks / c.sleeps, 2.0, 2.0 / c.sleeps);
+    ck_assert_uint_ge(c->sleeps, 1400);
+    /* whatever came and whenever, no period is longer or shorter by more than the share */
+    ck_assert_uint_ge(c->slept_ns[0], FOLLOW_PERIOD_NS - FOLLOW_MOST_NS);
+    ck_assert_uint_le(c->slept_ns[1], FOLLOW_PERIOD_NS + FOLLOW_MOST_NS);
+    return rt;
+}
+
+static const int ppm[] = {-1000, -100, 0, 100, 1000};
+static const uint32_t leads_ns[] = {1, 100000, 300000, 714286, 1000000, 1428570};
+enum { PPMS = sizeof ppm / sizeof ppm[0], LEADS = sizeof leads_ns / sizeof leads_ns[0] };
+
+START_TEST(test_a_servo_s_clock_is_followed_whatever_it_is_off_by)
+{
+    const uint32_t lead = leads_ns[_i / PPMS];
+    struct slow_clock c = {.now = 0};
+    struct stamped_bus b = {.tick_ns = (uint64_t)(FOLLOW_PERIOD_NS * (1 + ppm[_i % PPMS] * 1e-6))};
+    struct drv_rt *rt = follow(&b, &c, lead);
+    ck_assert_uint_le(rt->timing.unheard, 2); /* nothing was asked before the first */
+    /* periods start the lead before its ticks, to what its clock is off by in three periods */
+    const uint64_t after = (c.woken_ns + lead) % b.tick_ns;
+    ck_assert_uint_le(after < b.tick_ns / 2 ? after : b.tick_ns - after, 3 * (FOLLOW_PERIOD_NS / 1000 + 1));
+}
+END_TEST
+
+START_TEST(test_a_servo_that_answers_when_asked_does_not_set_the_rate)
+{
+    static const uint64_t answers_ns[] = {10000, 250000, 900000};
+    struct slow_clock c = {.now = 0};
+    struct stamped_bus b = {.answer_ns = answers_ns[_i % 3]};
+    follow(&b, &c, leads_ns[_i / 3]);
+    const double mean_ns = (double)(c.woken_ns - 5000000000u) / c.sleeps;
+    ck_assert_double_eq_tol(mean_ns, FOLLOW_PERIOD_NS, FOLLOW_MOST_NS);
+}
+END_TEST
+
+START_TEST(test_only_an_awaited_telegram_with_its_time_is_a_tick)
+{
+    struct slow_clock c = {.now = 0};
+    struct stamped_bus b = {.tick_ns = FOLLOW_PERIOD_NS / 3, .mute_n = _i == 0 ? 1400 : 0, .stampless = _i};
+    struct drv_rt *rt = follow(&b, &c, 300000);
+    ck_assert_uint_eq(rt->timing.unheard, c.sleeps);
+    ck_assert_uint_eq(c.slept_ns[0], FOLLOW_PERIOD_NS);
+    ck_assert_uint_eq(c.slept_ns[1], FOLLOW_PERIOD_NS);
 }
 END_TEST
 
 START_TEST(test_a_bus_that_falls_silent_is_replaced_by_the_own_clock)
 {
-    struct world *w = world_new((struct drv_host_cfg){.settle_s = 0.1, .approach_radps = 2});
-    struct slow_clock c = {.tick_ns = 714285, .late_at = 500, .late_n = 10, .stop_at = 1400};
-    struct drv_rt *rt = rt_new(&c, w, (struct drv_rt_cfg){.follow_lead_ns = 300000}, NULL);
-    rt->heard_ns = heard_at_tick;
-    rt->heard_ctx = &c;
-    ck_assert_int_eq(drv_rt_run(rt, &w->host), 0);
-    ck_assert_uint_eq(rt->timing.unheard, 10);
-    ck_assert_uint_eq(rt->timing.missed, 0);
+    struct slow_clock c = {.now = 0};
+    struct stamped_bus b = {.tick_ns = FOLLOW_PERIOD_NS, .mute_at = 500, .mute_n = 10};
+    struct drv_rt *rt = follow(&b, &c, 300000);
+    ck_assert_uint_ge(rt->timing.unheard, 10);
+    ck_assert_uint_le(rt->timing.unheard, 12);
 }
 END_TEST
 
@@ -835,7 +912,9 @@ static Suite *host_suite(void)
     tcase_add_test(t, test_an_operator_is_told_of_a_hold_for_missed_periods_and_says_go);
     tcase_add_test(t, test_few_missed_periods_a_second_add_up_to_nothing);
     tcase_add_test(t, test_a_clock_that_fails_ends_the_run);
-    tcase_add_loop_test(t, test_the_bus_clock_is_followed_whatever_it_is_off_by, 0, 3);
+    tcase_add_loop_test(t, test_a_servo_s_clock_is_followed_whatever_it_is_off_by, 0, PPMS * LEADS);
+    tcase_add_loop_test(t, test_a_servo_that_answers_when_asked_does_not_set_the_rate, 0, 3 * LEADS);
+    tcase_add_loop_test(t, test_only_an_awaited_telegram_with_its_time_is_a_tick, 0, 2);
     tcase_add_test(t, test_a_bus_that_falls_silent_is_replaced_by_the_own_clock);
     tcase_add_test(t, test_a_histogram_s_quantiles_are_those_of_the_sorted_times);
     tcase_add_test(t, test_a_full_mailbox_drops_and_counts_but_never_the_end);

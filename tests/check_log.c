@@ -413,6 +413,193 @@ START_TEST(test_event_log_carries_its_tables)
 }
 END_TEST
 
+/* Tables that use all of the core's memory. */
+static struct hdt_tables *busy_tables(void)
+{
+    struct hdt_tables *t = rig_tables();
+    t->observer = (1 << HDT_OBSERVED) - 1;
+    t->observer_gain[0] = t->observer_gain[1] = t->observer_gain[2] = 1 << 30;
+    for (unsigned j = 0; j < t->joints; j++) {
+        t->joint[j].terms = (1u << HDT_TERMS) - 1u;
+        t->joint[j].windup_inv_q8 = INT32_MAX;
+        t->joint[j].cold_decay_q31 = INT32_MAX - (int32_t)j * (INT32_MAX / 7);
+        t->joint[j].presliding_inv_q8 = 1 << 8;
+        t->joint[j].inertia_inv_q20 = t->joint[j].nm_per_digit_q24 = 1 << 30;
+        t->joint[j].dig_max = 32767;
+    }
+    ck_assert_int_eq(hdt_tables_check(t, NULL, NULL), HDT_TABLES_OK);
+    return t;
+}
+
+/* Any input a core can be given, more often at the ends than between. */
+static struct hdt_in any_input(uint64_t *rng, uint64_t t_us)
+{
+    struct hdt_in in = {.t_us = t_us, .mode = test_random(rng) % 3, .active = random_u32(rng),
+                        .fresh = random_u32(rng)};
+    in.servo_alarm = test_random(rng) % 8 == 0 ? random_u32(rng) : 0;
+    for (unsigned j = 0; j < DRV_AXES; j++) {
+        in.count[j].raw = random_s32(rng) >> test_random(rng) % 16;
+        in.q_ref[j].raw = random_s32(rng) >> 6;
+        in.v_ref[j].raw = random_s32(rng);
+        in.a_ref[j].raw = random_s32(rng);
+    }
+    return in;
+}
+
+START_TEST(test_whatever_a_core_has_seen_its_memory_is_taken_for_one)
+{
+    const struct hdt_tables *t = busy_tables();
+    static hdt_t core, fresh;
+    static struct hdt_out out;
+    char why[200] = "";
+    uint64_t rng = 31;
+    ck_assert_int_eq(hdt_init(&fresh, t), HDT_OK);
+    core = fresh;
+    ck_assert_int_eq(drv_lcm_check_core(&core, &fresh, why, sizeof why), 0);
+    for (uint64_t n = 0, t_us = 0; n < 50000; n++) {
+        t_us += 1 + test_random(&rng) % (n % 16 ? 3000 : 3000000);
+        struct hdt_in in = any_input(&rng, t_us);
+        ck_assert_int_eq(hdt_step(&core, &in, &out), HDT_OK);
+        ck_assert_msg(drv_lcm_check_core(&core, &fresh, why, sizeof why) == 0, "period %lu: %s",
+                      (unsigned long)n, why);
+        if (test_random(&rng) % 4 == 0)
+            ck_assert_int_eq(hdt_clear(&core), HDT_OK);
+    }
+}
+END_TEST
+
+/* Bytes over the core's memory in the state event of a log; what opening and starting from it says. */
+static int start_from(const char *bytes, size_t size, size_t state_at, const hdt_t *core, const char *words)
+{
+    static hdt_t started;
+    static struct drv_record rec;
+    static struct hdt_out out;
+    char *log = malloc(size);
+    memcpy(log, bytes, size);
+    memcpy(log + state_at + offsetof(struct drv_lcm_state, core), core, sizeof *core);
+    put_file(lcm, log, size);
+    free(log);
+    struct drv_reader *r = reader_ok(lcm);
+    const int e = drv_reader_start(r, busy_tables(), &started);
+    if (e == HDT_OK) {
+        for (int n = 0; n < 3 && drv_reader_next(r, &rec) == 1; n++)
+            (void)hdt_step(&started, &rec.in, &out);
+    } else {
+        ck_assert_int_eq(e, DRV_LOG_DAMAGED);
+        ck_assert_msg(strstr(drv_reader_error(r), words) != NULL, "expected \"%s\" in \"%s\"", words,
+                      drv_reader_error(r));
+        ck_assert_ptr_nonnull(strstr(drv_reader_error(r), lcm));
+        ck_assert_int_lt(drv_reader_next(r, &rec), 0);
+    }
+    drv_reader_close(r);
+    return e;
+}
+
+/* A log of a few periods that begins within a run; where its state's data is. */
+static char *log_within_a_run(size_t *size, size_t *state_at, hdt_t *core)
+{
+    struct drv_writer_cfg cfg = config(DRV_AXES);
+    static struct drv_record rec;
+    uint64_t rng = 41, t_us = 0;
+    cfg.tables = busy_tables();
+    ck_assert_int_eq(hdt_init(core, cfg.tables), HDT_OK);
+    for (int n = 0; n < 20; n++) {
+        rec.in = any_input(&rng, t_us += 1429);
+        rec.in.active = rec.in.fresh = 0x7f;
+        ck_assert_int_eq(hdt_step(core, &rec.in, &rec.out), HDT_OK);
+    }
+    ck_assert_int_eq(hdt_clear(core), HDT_OK);
+    cfg.state = core;
+    struct drv_writer *w = open_ok(lcm, &cfg);
+    for (int n = 0; n < 3; n++) {
+        rec.in = any_input(&rng, t_us += 1429);
+        rec.in.active = rec.in.fresh = 0x7f;
+        ck_assert_int_eq(drv_writer_put(w, &rec), 0);
+    }
+    ck_assert_int_eq(drv_writer_close(w, 1), 0);
+    char *bytes = slurp(lcm, size);
+    const char *state = memmem(bytes, *size, "HDT_STATE", 9);
+    ck_assert_ptr_nonnull(state);
+    *state_at = (size_t)(state + 9 - bytes);
+    return bytes;
+}
+
+START_TEST(test_a_state_no_core_can_have_is_refused_by_its_member)
+{
+    size_t size, at;
+    static hdt_t good, bad;
+    char *bytes = log_within_a_run(&size, &at, &good);
+    ck_assert_int_eq(start_from(bytes, size, at, &good, ""), HDT_OK);
+#define REFUSED(member, value)                                                                       \
+    do {                                                                                             \
+        bad = good;                                                                                  \
+        bad.member = value;                                                                          \
+        ck_assert_msg(start_from(bytes, size, at, &bad, "damaged: ") != HDT_OK, #member " = " #value);\
+    } while (0)
+#define BOUNDS(member, least, most)                                                                  \
+    do {                                                                                             \
+        REFUSED(member, (least) - 1);                                                                \
+        REFUSED(member, (most) + 1);                                                                 \
+        bad = good;                                                                                  \
+        bad.member = least;                                                                          \
+        ck_assert_msg(start_from(bytes, size, at, &bad, "") == HDT_OK, #member " = " #least);        \
+        bad.member = most;                                                                           \
+        ck_assert_msg(start_from(bytes, size, at, &bad, "") == HDT_OK, #member " = " #most);         \
+    } while (0)
+    const int64_t one = 1;
+    BOUNDS(gate.digit[0], -32767, 32767);
+    BOUNDS(gate.digit[6], -32767, 32767);
+    BOUNDS(vel[3].rest, -(1 << 27), (1 << 27) - 1);
+    BOUNDS(obs[0].q_q40, -(one << 48), one << 48);
+    BOUNDS(obs[6].q_q40, -(one << 48), one << 48);
+    BOUNDS(obs[1].v_q40, 1 - (one << 47), (one << 47) - 1);
+    BOUNDS(obs[2].d_q32, -(one << 44), one << 44);
+    BOUNDS(obs[3].a_q16, -(1 << 28), 1 << 28);
+    BOUNDS(dir[4], -1, 1);
+    BOUNDS(travel_q40[5], 0, one << 46);
+    BOUNDS(wound_q30[6], -(1 << 30), 1 << 30);
+    BOUNDS(cold_q30[0], 0, 1 << 30);
+    REFUSED(vel[0].x_q24[0], INT32_MIN);
+    REFUSED(vel[1].x_q24[1], INT32_MIN);
+    REFUSED(vel[2].y_q24[0], INT32_MIN);
+    REFUSED(vel[6].y_q24[1], INT32_MIN);
+    REFUSED(seen, 0xff);
+    REFUSED(observed, 0x80);
+    REFUSED(terms, good.terms ^ 1u);
+    REFUSED(gate.fault, 1u << 5);
+    REFUSED(gate.fault_joints, 1); /* of no fault */
+    bad = good;
+    bad.seen = 0x3f; /* observed has 0x7f */
+    ck_assert_int_eq(start_from(bytes, size, at, &bad, "observed is 0x7f, expected no bits but 0x3f"),
+                     DRV_LOG_DAMAGED);
+    bad = good;
+    bad.obs[2].q_q40 = INT64_MIN;
+    ck_assert_int_eq(start_from(bytes, size, at, &bad,
+                                "obs.q_q40 of joint 3 is -9223372036854775808, expected -281474976710656 to "
+                                "281474976710656"), DRV_LOG_DAMAGED);
+    free(bytes);
+}
+END_TEST
+
+START_TEST(test_any_bytes_as_a_state_are_refused_or_replay)
+{
+    size_t size, at;
+    static hdt_t good, bad;
+    char *bytes = log_within_a_run(&size, &at, &good);
+    uint64_t rng = 51;
+    unsigned taken = 0;
+    for (unsigned n = 0; n < 3000; n++) {
+        bad = good;
+        for (uint64_t k = 1 + test_random(&rng) % (n % 2 ? 2 : 200); k > 0; k--)
+            ((uint8_t *)&bad)[test_random(&rng) % sizeof bad] = (uint8_t)test_random(&rng);
+        taken += start_from(bytes, size, at, &bad, "damaged: ") == HDT_OK;
+    }
+    ck_assert_uint_gt(taken, 300);
+    ck_assert_uint_lt(taken, 2000);
+    free(bytes);
+}
+END_TEST
+
 /* The log at path as it was written before the terms local and table, which stood before p. */
 static void to_13_terms(const char *path, unsigned joints)
 {
@@ -987,6 +1174,9 @@ static Suite *log_suite(void)
     t = new_case(s, "damage");
     tcase_add_test(t, test_a_message_fits_its_room_or_nothing_is_said_to_be_written);
     tcase_add_test(t, test_a_log_cut_at_any_byte_is_said_to_be_cut);
+    tcase_add_test(t, test_whatever_a_core_has_seen_its_memory_is_taken_for_one);
+    tcase_add_test(t, test_a_state_no_core_can_have_is_refused_by_its_member);
+    tcase_add_test(t, test_any_bytes_as_a_state_are_refused_or_replay);
     tcase_add_test(t, test_any_byte_changed_is_safe_and_structure_is_noticed);
     tcase_add_test(t, test_random_bytes_are_never_a_log);
     tcase_add_test(t, test_wrong_files_and_versions_say_what_was_found);

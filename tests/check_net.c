@@ -162,9 +162,11 @@ START_TEST(test_only_frames_of_this_identifier_and_kind_are_telegrams)
     ck_assert_int_eq(recv_from(&servo, &got), HDT_BUS_ERR_FRAME);
     ck_assert_int_eq(write(other, &wrong, sizeof wrong), (int)sizeof wrong); /* too long for its type */
     ck_assert_int_eq(recv_from(&servo, &got), HDT_BUS_ERR_FRAME);
+    ck_assert_uint_eq(health_of(&servo).received_ns, 0); /* none of these was a telegram's time */
     wrong.len = 2;
     ck_assert_int_eq(write(other, &wrong, sizeof wrong), (int)sizeof wrong);
     ck_assert_int_eq(recv_from(&servo, &got), HDT_BUS_OK);
+    ck_assert_uint_gt(health_of(&servo).received_ns, 0);
     ck_assert_uint_eq(health_of(&servo).foreign, 2);
     close(other);
     close_both(&host, &servo);
@@ -567,8 +569,11 @@ START_TEST(test_arcnet_of_other_nodes_is_not_ours)
     ck_assert_int_eq(recv_wait(&servo, &got), HDT_BUS_OK);
     ck_assert_uint_eq(got.len, 2);
     ck_assert_uint_eq(health_of(&servo).foreign, 3);
+    const uint64_t came_ns = health_of(&servo).received_ns;
+    usleep(2000);
     card_gives(card, wrong, 6);
     ck_assert_int_eq(recv_wait(&servo, &got), HDT_BUS_ERR_FRAME);
+    ck_assert_uint_eq(health_of(&servo).received_ns, came_ns); /* a telegram's time, and this was none */
     /* down and up again */
     set_up("arc0", 0);
     ck_assert_int_eq(recv_from(&servo, &got), HDT_BUS_ERR_DOWN);

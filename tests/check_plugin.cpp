@@ -153,6 +153,7 @@ struct Arm {
     struct hdt_out out = {};
     struct hdt_plugin_info info = {};
     struct drv_counters count = {};
+    char err[256]; // what load and open say; 0x5a where they say nothing
 
     // a host keeps the pointer that create gave; calls before it go to the same memory
     Arm() : memory((p->memory_bytes + 7) / 8), arm(reinterpret_cast<struct hdt_plugin_arm *>(memory.data()))
@@ -163,9 +164,9 @@ struct Arm {
     {
         static struct hdt_in in;
         struct hdt_plugin_arm *made = nullptr;
-        char err[256] = "";
         in = {};
         in.t_us = t_us += 1429;
+        std::memset(err, 0x5a, sizeof err);
         std::memset(&out, 0x5a, sizeof out);
         switch (op) {
         case Create: {
@@ -176,7 +177,7 @@ struct Arm {
         }
         case Load: return p->load(arm, image.data(), image.size(), err, sizeof err);
         case LoadBad: return p->load(arm, image.data(), image.size() - 1, err, sizeof err);
-        case LoadNull: return p->load(arm, nullptr, 0, nullptr, 0);
+        case LoadNull: return p->load(arm, nullptr, 0, err, sizeof err);
         case Info: return p->info(arm, &info);
         case Start: return p->start(arm);
         case Step: return p->step(arm, &in, &out);
@@ -213,6 +214,9 @@ void call_checked(Arm &a, Model &m, Op op, const std::string &path)
         ck_abort_msg("calls%s: state %d, expected %d", path.c_str(), p->state(a.arm), m.state);
     if (want == HDT_PLUGIN_ERR_STATE && before != a.memory)
         ck_abort_msg("calls%s: an illegal call changed the arm", path.c_str());
+    const bool says = op == Load || op == LoadBad || op == LoadNull || op == Open || op == OpenBad;
+    if (want != HDT_OK && says && (!std::memchr(a.err, 0, sizeof a.err) || std::strlen(a.err) < 10))
+        ck_abort_msg("calls%s: %d without a line about it", path.c_str(), want);
     const bool drives = op == Step || op == StepNull || op == Period || op == PeriodNull;
     if (want != HDT_OK && drives && std::memcmp(&a.out, &zero, sizeof zero) != 0)
         ck_abort_msg("calls%s: output not zero", path.c_str());
@@ -535,6 +539,40 @@ START_TEST(test_every_function_of_the_abi_has_a_thread_tag)
 }
 END_TEST
 
+START_TEST(test_open_says_what_it_cannot_open)
+{
+    const uint16_t rated[DRV_AXES] = {100, 100, 100, 100, 100, 100, 100};
+    Arm a;
+    char err[300];
+    for (Op op : {Create, Load})
+        ck_assert_int_eq(a.call(op), HDT_OK);
+    // one byte of room and none are room enough
+    ck_assert_int_eq(bus->open(a.arm, nullptr, DRV_FORMAT_A, nullptr, err, 1), HDT_ERR_ARG);
+    ck_assert_int_eq(err[0], 0);
+    ck_assert_int_eq(bus->open(a.arm, nullptr, DRV_FORMAT_A, nullptr, nullptr, 0), HDT_ERR_ARG);
+    const struct {
+        const char *name;
+        drv_format format;
+        const uint16_t *rated;
+        int error;
+        const char *words;
+    } bad[] = {
+        {nullptr, DRV_FORMAT_A, nullptr, HDT_ERR_ARG, "no name"},
+        {"unix:/x", static_cast<drv_format>(2), rated, HDT_ERR_ARG, "expected Format A"},
+        {"unix:/x", DRV_FORMAT_B, nullptr, HDT_ERR_ARG, "rated torques"},
+        // its state does not fit a frame
+        {"can:vcan0", DRV_FORMAT_B, rated, HDT_PLUGIN_ERR_BUS,
+         "74 bytes does not fit into a CAN FD frame of 64: use isotp:IFACE"},
+    };
+    for (const auto &b : bad) {
+        std::memset(err, 0x5a, sizeof err);
+        ck_assert_int_eq(bus->open(a.arm, b.name, b.format, b.rated, err, sizeof err), b.error);
+        ck_assert_msg(std::memchr(err, 0, sizeof err) && std::strstr(err, b.words), "expected \"%s\"",
+                      b.words);
+    }
+}
+END_TEST
+
 static Suite *plugin_suite(void)
 {
     Suite *s = suite_create("plugin");
@@ -543,6 +581,7 @@ static Suite *plugin_suite(void)
     tcase_add_test(t, test_another_abi_is_refused_and_both_numbers_can_be_read);
     tcase_add_test(t, test_null_and_foreign_memory_are_errors_not_crashes);
     tcase_add_test(t, test_images_are_refused_with_a_reason);
+    tcase_add_test(t, test_open_says_what_it_cannot_open);
     tcase_add_test(t, test_step_is_the_core_bit_for_bit);
     tcase_add_test(t, test_arms_do_not_know_of_each_other);
     tcase_add_test(t, test_every_function_of_the_abi_has_a_thread_tag);

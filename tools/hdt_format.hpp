@@ -22,10 +22,11 @@ inline drv_format format_of(const std::string &text, const std::string &bus)
 {
     if (text != "A" && text != "B")
         throw InputError("--format: expected A or B, found " + text);
-    if (text == "B" && bus.rfind("can:", 0) == 0)
-        throw InputError("--format B: its state telegram of " + std::to_string(DRV_STATE_LEN_B) +
-                         " bytes does not fit into a CAN FD frame of 64: use isotp:IFACE");
-    return text == "B" ? DRV_FORMAT_B : DRV_FORMAT_A;
+    const drv_format format = text == "B" ? DRV_FORMAT_B : DRV_FORMAT_A;
+    char error[300];
+    if (drv_telegram_fits(format, bus.c_str(), error, sizeof error) != DRV_TELEGRAM_OK)
+        throw InputError(error);
+    return format;
 }
 
 // Rated motor torque of each joint, 0.001 N.m motor side.  Throws InputError where the file has none.

@@ -50,7 +50,7 @@ hdt_tables tables_for(const std::string &log, const drv_reader *reader, const st
     if (e != HDT_TABLES_OK && e != DRV_LOG_NONE)
         throw InputError(log + ": the tables in it: " + hdt_tables_strerror(e));
     if (e == DRV_LOG_NONE && model.empty())
-        throw InputError(log + ": has no tables in it (logged by a version before 0.2): name the model file "
+        throw InputError(log + ": has no tables in it (logged before logs had them): name the model file "
                                "the host had with --model");
     if (e == HDT_TABLES_OK && std::memcmp(head->digest, tables.digest, sizeof tables.digest) != 0)
         throw InputError(log + ": its head and the tables in it are of two model files (digests differ): the "
@@ -127,6 +127,8 @@ int run(const std::string &log, const std::string &model)
         throw InputError(log +
                          ": begins within a run, from the memory of a core of another version or processor; "
                          "replay it with the program of the host that wrote it");
+    if (e == DRV_LOG_DAMAGED)
+        throw InputError(drv_reader_error(reader.get()));
     if (e != HDT_OK)
         throw InputError(log + ": the core does not accept its tables: " + hdt_strerror(e));
 

@@ -11,6 +11,7 @@
  * Never: in hdt.update: allocates, blocks, prints (but one message when the thread's period is wrong).
  */
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -28,7 +29,7 @@ MODULE_LICENSE("Apache-2.0");
 static char *tables;
 RTAPI_MP_STRING(tables, "table image of the arm, by hdt gen");
 static char *bus;
-RTAPI_MP_STRING(bus, "unix:PATH or can:IFACE");
+RTAPI_MP_STRING(bus, "unix:PATH, can:IFACE, isotp:IFACE or arcnet:IFACE");
 
 #define IMAGE_MAX (1 << 17)
 #define RAD(q24) ((q24) / 16777216.0)
@@ -57,39 +58,79 @@ struct component {
     const struct hdt_plugin_bus *bus;
     struct hdt_plugin_info info;
     struct hdt_in in;
-    struct hdt_out out;
+    struct hdt_out out, next;                      /* of the last period that went well; of this one */
     uint32_t seen;
-    int was_clear, wrong_period;
+    int was_enable, was_clear;                     /* pins a period ago */
+    int drive, failed, wrong_period;
 };
 static struct component *the;                      /* for rtapi_app_exit, which gets no argument */
 
+/* A number to fixed point; beyond what fits it saturates. */
 static int32_t fixed(double value, double scale)
 {
     double x = value * scale;
-    if (!(x < 2147483647.0)) /* also what is no number: a reference outside the limits is a fault */
+    if (x >= 2147483646.5)
         return INT32_MAX;
-    return x > -2147483647.0 ? (int32_t)(x < 0 ? x - 0.5 : x + 0.5) : -INT32_MAX;
+    return x > -2147483646.5 ? (int32_t)(x < 0 ? x - 0.5 : x + 0.5) : -INT32_MAX;
 }
 
-static void read_pins(struct component *c, int drive)
+/* One joint's reference while it is driven.  A pin that is no number (nan, inf) makes it a standstill below
+ * every lower limit: a reference fault. */
+static void read_reference(const struct joint_pins *k, struct hdt_in *in, unsigned j)
+{
+    const double q = *k->q_ref, v = *k->v_ref, a = *k->a_ref;
+    const int numbers = isfinite(q) && isfinite(v) && isfinite(a);
+    in->q_ref[j].raw = numbers ? fixed(q, 16777216.0) : INT32_MIN;
+    in->v_ref[j].raw = numbers ? fixed(v, 16777216.0) : 0;
+    in->a_ref[j].raw = numbers ? fixed(a, 65536.0) : 0;
+}
+
+static int ready(const struct component *c)
+{
+    return c->seen == c->in.active && c->out.fault == 0 && !c->failed && !c->wrong_period;
+}
+
+/* An edge of clear while there is a fault.  Without one it would only take the link down. */
+static void read_clear(struct component *c)
+{
+    const int clear = *c->pin->clear;
+    if (clear && !c->was_clear && c->out.fault != 0) {
+        (void)c->plugin->clear(c->arm);
+        (void)c->bus->restart(c->arm);
+        c->seen = 0;
+    }
+    c->was_clear = clear;
+}
+
+/* Driving begins with an edge of enable on a ready arm, and with nothing else: whatever put the brakes on,
+ * neither its end nor a reset starts motion. */
+static void read_enable(struct component *c)
+{
+    const int enable = *c->pin->enable;
+    c->drive = enable && ready(c) && (c->drive || !c->was_enable);
+    c->was_enable = enable;
+}
+
+static void read_references(struct component *c)
 {
     const struct pins *p = c->pin;
-    c->in.mode = !drive ? HDT_MODE_IDLE : *p->velocity_mode ? HDT_MODE_VELOCITY : HDT_MODE_TORQUE;
+    c->in.mode = !c->drive ? HDT_MODE_IDLE : *p->velocity_mode ? HDT_MODE_VELOCITY : HDT_MODE_TORQUE;
     for (unsigned j = 0; j < c->info.joints; j++) {
-        const struct joint_pins *k = &p->joint[j];
         /* while idle the reference follows the arm: what is not driven cannot be out of its limits */
-        c->in.q_ref[j].raw = drive ? fixed(*k->q_ref, 16777216.0) : c->out.q[j].raw;
-        c->in.v_ref[j].raw = drive ? fixed(*k->v_ref, 16777216.0) : 0;
-        c->in.a_ref[j].raw = drive ? fixed(*k->a_ref, 65536.0) : 0;
+        c->in.q_ref[j] = c->out.q[j];
+        c->in.v_ref[j].raw = 0;
+        c->in.a_ref[j].raw = 0;
+        if (c->drive)
+            read_reference(&p->joint[j], &c->in, j);
     }
 }
 
-static void write_pins(struct component *c, int drive)
+static void write_pins(struct component *c)
 {
     const struct pins *p = c->pin;
     struct drv_counters count;
-    *p->ready = c->seen == c->in.active && c->out.fault == 0 && !c->wrong_period;
-    *p->driving = drive && c->out.fault == 0;
+    *p->ready = ready(c);
+    *p->driving = c->drive && ready(c);
     *p->fault = c->out.fault != 0;
     *p->fault_code = c->out.fault;
     *p->fault_joints = c->out.fault_joints;
@@ -120,18 +161,16 @@ static void update(void *arg, long period_ns)
                         "period1 of the thread, or control.rate of the model file, the same\n",
                         period_ns, (unsigned long)c->info.period_ns);
     }
-    if (*c->pin->clear && !c->was_clear) {
-        (void)c->plugin->clear(c->arm);
-        (void)c->bus->restart(c->arm);
-        c->seen = 0;
-    }
-    c->was_clear = *c->pin->clear != 0;
-    int drive = *c->pin->enable && c->seen == c->in.active && !c->wrong_period;
+    read_clear(c);
+    read_enable(c);
+    read_references(c);
     c->in.t_us = (uint64_t)rtapi_get_time() / 1000u;
-    read_pins(c, drive);
-    (void)c->bus->period(c->arm, &c->in, &c->out); /* an error has zeroed out, and brakes are on */
+    /* a period that fails has put the brakes on; the pins keep what was last known */
+    c->failed = c->bus->period(c->arm, &c->in, &c->next) != HDT_OK;
+    if (!c->failed)
+        c->out = c->next;
     c->seen |= c->in.fresh;
-    write_pins(c, drive);
+    write_pins(c);
 }
 
 static int joint_pins(struct component *c, unsigned j)
