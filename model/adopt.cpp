@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <functional>
 
 namespace hdt {
@@ -40,10 +41,31 @@ double spring_rest(const JointEstimate &e, double stiffness)
     return std::abs(rest) < kRestMax_rad ? rest : 0;
 }
 
+// What the runs carry as far as was known: their own declaration, else the model file's.
+struct Carried {
+    double least_kg, most_kg;
+    Vector3d com_m;
+    bool alike, declared;  // the same in every run; by any of the runs
+};
+
+Carried carried(const JointWork &w)
+{
+    const BlockRows &first = w.fit.front();
+    Carried out{first.payload_kg, first.payload_kg, first.payload_com_m, true, false};
+    for (const auto *runs : {&w.fit, &w.test})
+        for (const BlockRows &b : *runs) {
+            out.least_kg = std::min(out.least_kg, b.payload_kg);
+            out.most_kg = std::max(out.most_kg, b.payload_kg);
+            out.alike = out.alike && b.payload_kg == first.payload_kg && b.payload_com_m == out.com_m;
+            out.declared = out.declared || b.payload_declared;
+        }
+    return out;
+}
+
 // Mass and moment of the whole payload; the point it stands for.
 struct Payload { double mass, mass_sigma; Vector3d com, com_sigma; };
 
-Payload whole_payload(const hdt_arm &arm, const Found &f)
+Payload whole_payload(double known_kg, const Vector3d &known_com_m, const Found &f)
 {
     const VectorXd &th = *f.chain_theta;
     const MatrixXd &cov = f.chain_covariance;
@@ -51,11 +73,10 @@ Payload whole_payload(const hdt_arm &arm, const Found &f)
     std::vector<int> axes = f.at.kind == 1 ? std::vector<int>{0, 1, 2} : std::vector<int>{2};
     for (std::size_t i = 0; i < axes.size(); ++i)
         moment[axes[i]] = th[static_cast<Eigen::Index>(i) + 1];
-    Payload p{arm.payload_kg + th[0], sd(cov, 0), Vector3d::Zero(), Vector3d::Zero()};
-    const Vector3d before = Eigen::Map<const Vector3d>(arm.payload_com_m);
+    Payload p{known_kg + th[0], sd(cov, 0), Vector3d::Zero(), Vector3d::Zero()};
     if (std::abs(p.mass) < 1e-9)
         return p;
-    p.com = (arm.payload_kg * before + moment) / p.mass;
+    p.com = (known_kg * known_com_m + moment) / p.mass;
     for (std::size_t i = 0; i < axes.size(); ++i) {
         const auto k = static_cast<Eigen::Index>(i) + 1;
         const double c = p.com[axes[i]];
@@ -63,6 +84,27 @@ Payload whole_payload(const hdt_arm &arm, const Found &f)
                                / std::abs(p.mass);
     }
     return p;
+}
+
+// What was added to the known payload is what the effect is; the point is that of the whole, which runs of
+// different payloads do not share: theirs is the first moment that was added.
+std::vector<EffectParameter> payload_parameters(const JointWork &w, const Found &f)
+{
+    const Carried known = carried(w);
+    const VectorXd &th = *f.chain_theta;
+    std::vector<EffectParameter> out = {{"mass_kg", "kg", th[0], sd(f.chain_covariance, 0)}};
+    if (known.alike) {
+        const Payload p = whole_payload(known.least_kg, known.com_m, f);
+        out[0].value = p.mass - known.least_kg;
+        const char *const names[] = {"com_x_m", "com_y_m", "com_z_m"};
+        for (int i = 0; i < 3; ++i)
+            out.push_back({names[i], "m", p.com[i], p.com_sigma[i]});
+        return out;
+    }
+    const char *const names[] = {"first_moment_x_kgm", "first_moment_y_kgm", "first_moment_z_kgm"};
+    for (Eigen::Index i = 1; i < th.size(); ++i)
+        out.push_back({names[i + 3 - th.size()], "kg m", th[i], sd(f.chain_covariance, i)});
+    return out;
 }
 
 std::vector<EffectParameter> line_parameters(const Found &f, const VectorXd &th, const MatrixXd &cov)
@@ -235,6 +277,21 @@ bool write_effect(const Writer &out, const std::string &id, std::vector<EffectPa
     return true;
 }
 
+// Of an effect that write_effect did not take.
+std::string why_no_term(const std::string &id)
+{
+    if (id == "order_line" || id == "local_friction")
+        return "the joint has " + std::to_string(HDT_LINES_MAX) + " of them already";
+    if (id == "viscous_nonlinear" || id == "stribeck_shape")
+        return "the joint's one table is taken";
+    if (id == "presliding")
+        return "the joint has one already that takes more work to turn over";
+    if (id == "temperature")
+        return "the joint has one already";
+    return id == "cable_spring" ? "it would cancel the spring the joint has"
+                                : "the model file has no term for it";
+}
+
 // Friction fitted beside the effects, by direction; a joint without friction gets a plain group.
 void write_friction(const Writer &out, const hdt_arm_joint &aj, const VectorXd &change, const VectorXd &sigma,
                     double v_max_radps)
@@ -268,15 +325,8 @@ std::vector<EffectParameter> effect_parameters(const hdt_arm &arm, const JointWo
 {
     const Found &f = w.found[k];
     const std::string &id = f.family.id;
-    if (f.chain_theta && id == "payload") {
-        const Payload p = whole_payload(arm, f);
-        // what was added to the declared payload is what the effect is
-        std::vector<EffectParameter> out = {{"mass_kg", "kg", p.mass - arm.payload_kg, p.mass_sigma}};
-        const char *const names[] = {"com_x_m", "com_y_m", "com_z_m"};
-        for (int i = 0; i < 3; ++i)
-            out.push_back({names[i], "m", p.com[i], p.com_sigma[i]});
-        return out;
-    }
+    if (f.chain_theta && id == "payload")
+        return payload_parameters(w, f);
     if (f.chain_theta && id == "base_tilt")
         return tilt_parameters(f);
     if (f.chain_theta)
@@ -345,13 +395,15 @@ EffectParameter offset_parameter(const JointWork &w, const JointEstimate &e)
             0.5 * scale * std::hypot(e.friction_sigma[0], e.friction_sigma[1])};
 }
 
-std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &e)
+Adoption adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &e, bool with_friction)
 {
     const Writer out{file, "joint." + std::to_string(w.joint + 1)};
     const hdt_arm arm = file->arm();
     const double scale = gain_scale(w, e);
     VectorXd friction = scale * e.friction;
-    std::string refused;
+    Adoption done;
+    // what friction hands over to an effect, as fitted
+    double moved = 0;
     cite(file);
     for (std::size_t k = 0; k < w.found.size(); ++k) {
         const std::string &id = w.found[k].family.id;
@@ -359,12 +411,13 @@ std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &
             continue;
         const std::vector<EffectParameter> p = effect_parameters(arm, w, e, k);
         if (!write_effect(out, id, p, fastest_radps(w))) {
-            refused += (refused.empty() ? "" : ", ") + id;
+            done.refused.push_back({id, w.joint + 1, k, why_no_term(id)});
         } else if (id == "cable_spring" && p[1].value != 0) {
             // the rest takes over the offset friction's two directions held
             const double offset = 0.5 * (friction[0] - friction[1]);
             friction[0] -= offset;
             friction[1] += offset;
+            moved += 0.5 * (e.friction[0] - e.friction[1]);
         }
     }
     if (w.offset) {
@@ -372,15 +425,17 @@ std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &
         if (write_effect(out, "torque_offset", {c}, 0)) {
             friction[0] -= c.value;
             friction[1] += c.value;
+            moved += c.value / scale;
         }
     }
-    const std::string words = refused.empty()
-                                  ? ""
-                                  : "the model file has no term for " + refused + "; it is not adopted";
-    // friction fitted beside what the file cannot hold is right only beside it
-    if (refused.empty() && !(friction.isZero() && arm.joint[w.joint].has_friction))
-        adopt_friction(file, w, friction, scale * e.friction_sigma);
-    return words;
+    if (with_friction && done.refused.empty()) {
+        if (!(friction.isZero() && arm.joint[w.joint].has_friction))
+            adopt_friction(file, w, friction, scale * e.friction_sigma);
+        done.friction = e.friction;
+    } else {
+        done.friction = Eigen::Vector4d(moved, -moved, 0, 0);
+    }
+    return done;
 }
 
 VectorXd axis_curve_nm(const JointWork &w, const JointEstimate &e, const VectorXd &theta)
@@ -410,7 +465,7 @@ std::string adopt_axis(ArmFile *file, const JointWork &w, const JointEstimate &e
                        knots.front(), knots.back(), comma != std::string::npos, curve,
                        gain_scale(w, e) * w.floor_nm))
         return "";
-    return "the model file has no table over " + name + (known ? " free" : "") + "; it is not adopted";
+    return known ? "the joint's one table is taken" : "the model file has no table over " + name;
 }
 
 void adopt_friction(ArmFile *file, const JointWork &w, const VectorXd &change, const VectorXd &sigma)
@@ -423,11 +478,36 @@ void adopt_friction(ArmFile *file, const JointWork &w, const VectorXd &change, c
 
 namespace {
 
-std::string adopt_payload(ArmFile *file, const Found &payload)
+std::string words(const char *format, double a, double b = 0, double c = 0)
 {
-    const Payload p = whole_payload(file->arm(), payload);
-    if (!(p.mass > 0))
-        return "the payload would have a mass of " + std::to_string(p.mass) + " kg; it is not adopted";
+    char buf[256];
+    std::snprintf(buf, sizeof buf, format, a, b, c);
+    return buf;
+}
+
+// A payload that the runs declare is theirs: no number of the file changes what is computed for them.
+std::string why_declared(const Carried &known, const Found &f)
+{
+    const std::string instead = "in place of the model file's: put into the logs what they carry";
+    if (!known.alike)
+        return words("runs declare payloads of their own (payload_kg %.4g to %.4g) ", known.least_kg,
+                     known.most_kg)
+               + instead + words(", by these runs %+.4g kg beside what each declares", (*f.chain_theta)[0]);
+    const Payload p = whole_payload(known.least_kg, known.com_m, f);
+    return words("these runs declare a payload of their own (payload_kg = %.4g) ", known.least_kg) + instead
+           + words(", by these runs payload_kg = %.4g,", p.mass)
+           + words(" payload_com_m = %.3g %.3g %.3g", p.com[0], p.com[1], p.com[2]);
+}
+
+std::string adopt_payload(ArmFile *file, const JointWork &w, const Found &payload)
+{
+    const Carried known = carried(w);
+    const double least_kg = known.least_kg + (*payload.chain_theta)[0];
+    if (!(least_kg > 0))
+        return words("it would leave a payload of %.3g kg", least_kg);
+    if (known.declared)
+        return why_declared(known, payload);
+    const Payload p = whole_payload(known.least_kg, known.com_m, payload);
     cite(file);
     Quantity mass, com;
     mass.value = {p.mass};
@@ -485,11 +565,11 @@ void adopt_link(ArmFile *file, const Found &heavier)
 
 } // namespace
 
-std::string adopt_chain(ArmFile *file, const Found &effect)
+std::string adopt_chain(ArmFile *file, const JointWork &w, const Found &effect)
 {
     const std::string &id = effect.family.id;
     if (id == "payload")
-        return adopt_payload(file, effect);
+        return adopt_payload(file, w, effect);
     id == "base_tilt" ? adopt_tilt(file, effect) : adopt_link(file, effect);
     return "";
 }

@@ -29,13 +29,25 @@ EffectParameter offset_parameter(const JointWork &w, const JointEstimate &e);
 // Numbers of found effect k, as the diagnosis prints them.
 std::vector<EffectParameter> effect_parameters(const hdt_arm &arm, const JointWork &w, const JointEstimate &e,
                                                std::size_t k);
-// All found effects of a joint, with the friction fitted beside them.  Returns what could not be
-// written, in words; empty when all was.  Chain effects are left to adopt_chain.
-std::string adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &e);
+// What was not written, and why: words that end "ID is not adopted: ".
+struct Refused {
+    std::string id;
+    int joint;                                   // 1-based; 0: of the whole arm
+    std::size_t found;                           // place in JointWork::found; kNoName: a curve over an axis
+    std::string why;
+};
+constexpr std::size_t kNoName = static_cast<std::size_t>(-1);
+struct Adoption {
+    std::vector<Refused> refused;                // empty when all was written
+    Eigen::VectorXd friction;                    // how much of the estimate's the file has taken in
+};
+// All found effects of a joint, and the friction fitted beside them where it is wanted and none is refused:
+// beside what the file cannot hold it is right only with it.  Chain effects are left to adopt_chain.
+Adoption adopt_joint(ArmFile *file, const JointWork &w, const JointEstimate &e, bool with_friction);
 // A curve over an axis no name fits, N.m at the axis' knots: theta
 // is what was fitted beside the effects found.
 Eigen::VectorXd axis_curve_nm(const JointWork &w, const JointEstimate &e, const Eigen::VectorXd &theta);
-// That curve as the joint's one table; words as above, also where the core has no such axis.
+// That curve as the joint's one table.  Returns why it is not written, empty when it is.
 std::string adopt_axis(ArmFile *file, const JointWork &w, const JointEstimate &e, const Found &axis,
                        const Eigen::VectorXd &theta);
 // Coulomb and viscous friction on top of the declared one, as nuisance_columns, and nothing
@@ -43,8 +55,9 @@ std::string adopt_axis(ArmFile *file, const JointWork &w, const JointEstimate &e
 // refitted alone has no gain found beside it.
 void adopt_friction(ArmFile *file, const JointWork &w, const Eigen::VectorXd &change,
                     const Eigen::VectorXd &sigma);
-// What concerns the whole arm: a payload's mass and first moment on top of the declared one, gravity as it
-// lies in the tilted base's frame, a link's mass and inertia.  Words as above.
-std::string adopt_chain(ArmFile *file, const Found &effect);
+// What concerns the whole arm: a payload's mass and first moment on top of the file's, gravity as it
+// lies in the tilted base's frame, a link's mass and inertia.  w: any joint, for its runs, whose own payload
+// stands in place of the file's.  Returns as adopt_axis does.
+std::string adopt_chain(ArmFile *file, const JointWork &w, const Found &effect);
 
 } // namespace hdt

@@ -469,6 +469,7 @@ void fill(const Run &run, const hdt_arm &arm, Conditioned *c)
             c->temp.col(col) = Eigen::Map<const VectorXd>(jt.temp_degc.data(), n);
         }
     }
+    c->payload_declared = run.constants.count("payload_kg") > 0 || run.constants.count("payload_com_m") > 0;
     c->payload_kg = run.constant("payload_kg", arm.payload_kg);
     c->payload_com_m = Eigen::Map<const Eigen::Vector3d>(arm.payload_com_m);
     std::vector<double> com = run.constant_vector("payload_com_m");

@@ -47,6 +47,7 @@ struct Conditioned {
     Eigen::MatrixXd temp;           // rows x joints, or empty
     double payload_kg = 0;          // declared for this run (run constant, else the arm's)
     Eigen::Vector3d payload_com_m = Eigen::Vector3d::Zero();
+    bool payload_declared = false;  // by the run itself: it stands in place of the arm's
     Eigen::Array<bool, Eigen::Dynamic, Eigen::Dynamic> valid;
     std::vector<MaskCount> masked;  // per joint
     std::vector<char> present;      // per joint

@@ -10,8 +10,8 @@
 #include <cmath>
 #include <cstdio>
 #include <functional>
+#include <map>
 #include <numeric>
-#include <set>
 #include <thread>
 
 #include "model/adopt.hpp"
@@ -590,10 +590,23 @@ std::string numbers(const Effect &e)
     return out;
 }
 
+// Of a joint that takes nothing in: whether it has part in what the whole arm takes in.
+std::string nothing_adopted(const JointDiagnosis &d)
+{
+    std::vector<std::string> ids;
+    for (const Effect &e : d.effects)
+        if (e.adopted)
+            ids.push_back(e.id);
+    if (ids.empty())
+        return "nothing is adopted; held-out error" + text(" %.3g N.m", d.rms_before_nm);
+    return "only what other joints show of the whole arm is adopted (" + list(ids) + "); held-out error"
+           + text(" %.3g -> %.3g N.m", d.rms_before_nm, d.rms_after_nm);
+}
+
 void put_words(std::size_t runs, JointDiagnosis *d, const std::string &doubt)
 {
     const std::string errors = text("held-out error %.3g -> %.3g N.m (noise floor %.3g)", d->rms_before_nm,
-                                    d->rms_after_nm, d->noise_floor_nm);
+                                    d->rms_explained_nm, d->noise_floor_nm);
     const std::string few =
         runs < kRunsMin ? text(" Only %.0f independent run(s): pieces of a run are not independent evidence.",
                                static_cast<double>(runs))
@@ -609,8 +622,8 @@ void put_words(std::size_t runs, JointDiagnosis *d, const std::string &doubt)
         d->words = "The model lacks " + names + ", none of the known effects explains it; " + errors
                    + " with a table over that axis.";
     else if (d->verdict == "suspect")
-        d->words = "Perhaps " + names + ", but " + doubt + "; nothing is adopted; held-out error"
-                   + text(" %.3g N.m (noise floor %.3g).", d->rms_before_nm, d->noise_floor_nm);
+        d->words = "Perhaps " + names + ", but " + doubt + "; " + nothing_adopted(*d)
+                   + text(" (noise floor %.3g).", d->noise_floor_nm);
     else
         d->words = "Nothing is missing that these runs could show; held-out error"
                    + text(" %.3g N.m (noise floor %.3g).", d->rms_before_nm, d->noise_floor_nm);
@@ -660,9 +673,11 @@ std::vector<Candidate> list_candidates(const JointWork &w, const Gates &gates)
 struct Start { std::vector<Candidate> tried; VectorXd refit, refit_sigma; bool refit_stands = false; };
 
 // Effects whose contribution on this joint counts; chain effects may not reach every joint.
-void list_effects(const hdt_arm &arm, const JointWork &w, const JointEstimate &e, const Found &axis,
-                  const VectorXd &axis_theta, JointDiagnosis *d)
+// Returns each one's place in w.found, kNoName for what has none.
+std::vector<std::size_t> list_effects(const hdt_arm &arm, const JointWork &w, const JointEstimate &e,
+                                      const Found &axis, const VectorXd &axis_theta, JointDiagnosis *d)
 {
+    std::vector<std::size_t> places;
     for (std::size_t k = 0; k < w.found.size(); ++k) {
         const Found &f = w.found[k];
         Effect out;
@@ -678,6 +693,7 @@ void list_effects(const hdt_arm &arm, const JointWork &w, const JointEstimate &e
         if (f.chain_theta && out.rms_nm < kChainShare * w.floor_nm)
             continue;
         d->effects.push_back(std::move(out));
+        places.push_back(k);
         for (const std::string &a : f.ambiguous)
             if (std::find(d->ambiguous_with.begin(), d->ambiguous_with.end(), a) == d->ambiguous_with.end())
                 d->ambiguous_with.push_back(a);
@@ -697,8 +713,9 @@ void list_effects(const hdt_arm &arm, const JointWork &w, const JointEstimate &e
     };
     d->ambiguous_with.erase(std::remove_if(d->ambiguous_with.begin(), d->ambiguous_with.end(), named),
                             d->ambiguous_with.end());
+    places.resize(d->effects.size() + (axis.family.id.empty() ? 0 : 1), kNoName);
     if (axis.family.id.empty())
-        return;
+        return places;
     Effect out;
     out.id = "unnamed";
     out.axis = axis.family.axis;
@@ -710,6 +727,7 @@ void list_effects(const hdt_arm &arm, const JointWork &w, const JointEstimate &e
     const VectorXd curve_nm = axis_curve_nm(w, e, axis_theta);
     out.table_nm.assign(curve_nm.data(), curve_nm.data() + curve_nm.size());
     d->effects.push_back(std::move(out));
+    return places;
 }
 
 bool only_hum(const JointWork &w)
@@ -799,11 +817,15 @@ bool take_friction(const Start &start, JointDiagnosis *d)
         return false;
     d->friction_refitted = true;
     d->rms_after_nm = d->rms_refit_nm;
+    return true;
+}
+
+void put_friction(const Start &start, JointDiagnosis *d)
+{
     d->words += text(" Its friction has changed: Coulomb %+.3g and %+.3g N.m", start.refit[0], start.refit[1])
                 + text(" (positive, negative), viscous %+.3g and %+.3g N.m.s/rad;", start.refit[2],
                        start.refit[3])
-                + text(" with that in the model the held-out error is %.3g N.m.", d->rms_refit_nm);
-    return true;
+                + text(" with that in the model the held-out error is %.3g N.m.", d->rms_after_nm);
 }
 
 struct Judged {
@@ -812,6 +834,8 @@ struct Judged {
     JointEstimate e;
     Found axis;
     VectorXd axis_theta;
+    std::vector<std::size_t> places;   // of d.effects in JointWork::found
+    std::string doubt, dropped;        // why it is suspect; what the held-out runs denied beside what stands
     bool adopt = false;
 };
 
@@ -835,19 +859,17 @@ Judged judge_as_found(const hdt_arm &arm, const JointWork &w, const Found &axis,
         alike.head(2).setConstant(alike.head(2).mean());
         h = held_out(w, out.e, axis, axis_theta, alike);
     }
-    list_effects(arm, w, out.e, axis, axis_theta, &d);
+    out.places = list_effects(arm, w, out.e, axis, axis_theta, &d);
     d.tried = start.tried;
-    std::string doubt;
     if (d.effects.empty()) {
         d.verdict = "nothing";
         detection_limits(w, gates, &d);
     } else {
-        doubt = judge(w, out.e, runs, h, !axis.family.id.empty(), &d);
+        out.doubt = judge(w, out.e, runs, h, !axis.family.id.empty(), &d);
     }
     out.adopt = d.verdict == "named" || d.verdict == "unnamed";
-    d.rms_after_nm = d.verdict == "named" || d.verdict == "unnamed" ? rms(h.after) : d.rms_before_nm;
+    d.rms_after_nm = d.rms_explained_nm = out.adopt ? rms(h.after) : d.rms_before_nm;
     d.next_experiment = next_experiment(arm, w, out.e, d, runs.count);
-    put_words(runs.count, &d, doubt);
     HeldOut &shown = out.shown = h;
     if (d.verdict == "nothing" || d.verdict == "suspect") {
         const bool taken = (runs.count >= kRunsMin || runs.may_name) && take_friction(start, &d);
@@ -887,21 +909,13 @@ Judged judge_whole_or_part(const hdt_arm &arm, JointWork &w, const Found &axis, 
         w.assess(gates);
         Judged part = judge_as_found(arm, w, left, start, runs, gates);
         if (part.d.verdict == "named") {
-            part.d.words += " More was looked at (" + dropped + "), but does not help on the held-out runs.";
+            part.dropped = dropped;
             return part;
         }
     }
     w.found = found;
     w.assess(gates);
     return whole;
-}
-
-Judged judge_joint(const hdt_arm &arm, JointWork &w, const Found &axis, const Start &start,
-                   const Independent &runs, const Gates &gates)
-{
-    Judged out = judge_whole_or_part(arm, w, axis, start, runs, gates);
-    pictures(w, out.shown, out.axis, &out.d);
-    return out;
 }
 
 // The joints to look at, and why the others are left out.
@@ -951,31 +965,190 @@ void check_options(const hdt_arm &arm, const std::vector<Run> &fit, const std::v
                                  + ": given both to fit and to test: a held-out run must not be fitted");
 }
 
+// What concerns the whole arm, once for all joints: why it is refused by id, empty where it is written.
+using WholeArm = std::map<std::string, std::string>;
+
+WholeArm adopt_whole_arm(ArmFile *model, const Works &works, const std::vector<Judged> &judged)
+{
+    WholeArm out;
+    for (std::size_t j = 0; j < works.size(); ++j)
+        for (const Found &f : works[j]->found)
+            if (judged[j].adopt && f.chain_theta && out.count(f.family.id) == 0)
+                out[f.family.id] = adopt_chain(model, *works[j], f);
+    return out;
+}
+
+// Of what was found on a joint, what the model written holds.
+struct Held {
+    std::vector<bool> found;
+    bool offset, axis;
+    VectorXd friction;
+};
+
+Held of_whole_arm(const JointWork &w, const WholeArm &arm)
+{
+    Held out{std::vector<bool>(w.found.size(), false), false, false, VectorXd::Zero(kFriction)};
+    for (std::size_t k = 0; k < w.found.size(); ++k)
+        if (w.found[k].chain_theta) {
+            const auto at = arm.find(w.found[k].family.id);
+            out.found[k] = at != arm.end() && at->second.empty();
+        }
+    return out;
+}
+
+bool holds_all(const Held &held)
+{
+    return std::all_of(held.found.begin(), held.found.end(), [](bool yes) { return yes; });
+}
+
+// Held-out residual of the model written, run by run.
+std::vector<VectorXd> left_by(const JointWork &w, const Judged &g, const Held &held)
+{
+    std::vector<VectorXd> left;
+    for (const BlockRows &b : w.test) {
+        VectorXd r = b.y_nm - nuisance_columns(b) * held.friction;
+        for (std::size_t k = 0; k < w.found.size(); ++k)
+            if (held.found[k])
+                r -= effect_nm(g.e, w, k, b);
+        if (held.axis)
+            r -= g.axis.columns(b) * g.axis_theta;
+        left.push_back(std::move(r));
+    }
+    return left;
+}
+
+double rms_left_by(const JointWork &w, const Judged &g, const Held &held)
+{
+    return rms(joined(left_by(w, g, held)));
+}
+
+void mark_adopted(const Held &held, Judged *g)
+{
+    for (std::size_t k = 0; k < g->d.effects.size(); ++k) {
+        Effect &e = g->d.effects[k];
+        const std::size_t at = g->places[k];
+        e.adopted = at != kNoName ? held.found[at] : e.id == "unnamed" ? held.axis : held.offset;
+    }
+}
+
+// Every effect listed that is not adopted has its reason: its own, or that it was fitted beside another.
+void mark_refused(const std::vector<Refused> &refused, Judged *g)
+{
+    std::string others;
+    for (std::size_t k = 0; k < g->d.effects.size(); ++k)
+        for (const Refused &r : refused)
+            if (r.found == g->places[k] && r.id == g->d.effects[k].id) {
+                g->d.effects[k].refused = r.why;
+                others += (others.empty() ? "" : ", ") + r.id;
+            }
+    for (Effect &e : g->d.effects)
+        if (!e.adopted && e.refused.empty())
+            e.refused = "it was fitted beside " + others + " and does not help without on the held-out runs";
+}
+
+// Chain effects that a joint lists and the file does not take.
+std::vector<Refused> refused_of_whole_arm(const JointWork &w, const WholeArm &arm, const Judged &g)
+{
+    std::vector<Refused> out;
+    for (const std::size_t k : g.places)
+        if (k != kNoName && w.found[k].chain_theta && !arm.at(w.found[k].family.id).empty())
+            out.push_back({w.found[k].family.id, 0, k, arm.at(w.found[k].family.id)});
+    return out;
+}
+
+// What a joint's verdict takes in.  Where the file cannot hold all of it, the rest was fitted beside what
+// is refused: it is written if it helps alone.
+void adopt_found(ArmFile *model, const JointWork &w, const WholeArm &arm, Judged *g)
+{
+    const Held before = of_whole_arm(w, arm);
+    Held held = before;
+    std::vector<Refused> refused = refused_of_whole_arm(w, arm, *g);
+    ArmFile with = *model;
+    if (!g->axis.family.id.empty()) {
+        const std::string why = adopt_axis(&with, w, g->e, g->axis, g->axis_theta);
+        held.axis = why.empty();
+        if (!why.empty())
+            refused.push_back({"unnamed", w.joint + 1, kNoName, why});
+    }
+    const Adoption done = adopt_joint(&with, w, g->e, refused.empty());
+    for (std::size_t k = 0; k < w.found.size(); ++k)
+        held.found[k] = held.found[k] || !w.found[k].chain_theta;
+    for (const Refused &r : done.refused)
+        held.found[r.found] = false;
+    refused.insert(refused.end(), done.refused.begin(), done.refused.end());
+    held.offset = w.offset.has_value();
+    held.friction = done.friction;
+    bool write = true;
+    if (!refused.empty() || !holds_all(held)) {
+        const double without_nm = rms_left_by(w, *g, before), with_nm = rms_left_by(w, *g, held);
+        write = refused.empty() || with_nm < without_nm;
+        g->d.rms_after_nm = write ? with_nm : without_nm;
+    }
+    if (write)
+        *model = std::move(with);
+    mark_adopted(write ? held : before, g);
+    mark_refused(refused, g);
+}
+
+// A joint that takes in nothing of its own has its part in what the whole arm takes in; its friction goes
+// into the model where that helps beside it too.
+void adopt_beside_whole_arm(ArmFile *model, const JointWork &w, const WholeArm &arm, const Start &start,
+                            Judged *g)
+{
+    JointDiagnosis &d = g->d;
+    Held held = of_whole_arm(w, arm);
+    const bool changes = std::find(held.found.begin(), held.found.end(), true) != held.found.end();
+    if (changes) {
+        Held refitted = held;
+        refitted.friction = start.refit;
+        const double plain_nm = rms_left_by(w, *g, held), refitted_nm = rms_left_by(w, *g, refitted);
+        d.friction_refitted = d.friction_refitted && refitted_nm < kClearFall * plain_nm;
+        held = d.friction_refitted ? refitted : held;
+        d.rms_after_nm = d.friction_refitted ? refitted_nm : plain_nm;
+        g->shown.after_by_run = left_by(w, *g, held);
+        g->shown.after = joined(g->shown.after_by_run);
+    }
+    if (d.friction_refitted)
+        adopt_friction(model, w, start.refit, start.refit_sigma);
+    d.rms_explained_nm = d.rms_after_nm;
+    mark_adopted(held, g);
+}
+
 void adopt(ArmFile *model, const Works &works, const std::vector<Start> &start, std::vector<Judged> *judged)
 {
-    std::set<std::string> chain; // once for all joints
+    const WholeArm arm = adopt_whole_arm(model, works, *judged);
     for (std::size_t j = 0; j < works.size(); ++j) {
         Judged &g = (*judged)[j];
-        if (g.d.friction_refitted)
-            adopt_friction(model, *works[j], start[j].refit, start[j].refit_sigma);
-        if (!g.adopt)
-            continue;
-        const std::string no_table =
-            g.axis.family.id.empty() ? "" : adopt_axis(model, *works[j], g.e, g.axis, g.axis_theta);
-        // what was fitted beside a curve the file cannot hold is right only beside it
-        std::string refused = no_table.empty() || !works[j]->found.empty()
-                                  ? adopt_joint(model, *works[j], g.e)
-                                  : "";
-        for (Effect &e : g.d.effects)
-            e.adopted = e.id == "unnamed" ? no_table.empty() : refused.find(" " + e.id) == std::string::npos;
-        refused += no_table;
-        for (const Found &f : works[j]->found)
-            if (f.chain_theta && chain.insert(f.family.id).second)
-                refused += adopt_chain(model, f);
-        if (!refused.empty())
-            g.d.words += " " + refused + ".";
+        if (g.adopt)
+            adopt_found(model, *works[j], arm, &g);
+        else
+            adopt_beside_whole_arm(model, *works[j], arm, start[j], &g);
     }
     model->refresh();
+}
+
+// The model written, and why a part of what was found is not in it.
+void put_refused(JointDiagnosis *d)
+{
+    if (!d->refuses())
+        return;
+    d->words += text(" Of the model written it is %.3g N.m.", d->rms_after_nm);
+    for (const Effect &e : d->effects)
+        if (!e.refused.empty())
+            d->words += " " + (e.axis.empty() ? e.id : "The curve over " + e.axis) + " is not adopted: "
+                        + e.refused + ".";
+}
+
+// Last of all, when it is known what the model holds.
+void put_all_words(const Independent &runs, const Start &start, const std::vector<Event> &events, Judged *g)
+{
+    put_words(runs.count, &g->d, g->doubt);
+    if (g->d.friction_refitted)
+        put_friction(start, &g->d);
+    if (!g->dropped.empty())
+        g->d.words += " More was looked at (" + g->dropped + "), but does not help on the held-out runs.";
+    put_refused(&g->d);
+    put_events(events, &g->d);
 }
 
 void declared_sigma(const ArmFile &arm, JointWork *w)
@@ -1034,6 +1207,11 @@ void find_effects(Works &works, const Gates &gates, std::vector<Start> *start, s
 
 } // namespace
 
+bool JointDiagnosis::refuses() const
+{
+    return std::any_of(effects.begin(), effects.end(), [](const Effect &e) { return !e.refused.empty(); });
+}
+
 Diagnosis diagnose(const ArmFile &arm, std::vector<Run> fit, std::vector<Run> test,
                    const DiagnoseOptions &options)
 {
@@ -1068,13 +1246,16 @@ Diagnosis diagnose(const ArmFile &arm, std::vector<Run> fit, std::vector<Run> te
     }
     std::vector<Judged> judged(works.size());
     parallel(works.size(), [&](std::size_t j) {
-        judged[j] = judge_joint(arm.arm(), *works[j], axes[j], start[j], runs, gates);
+        judged[j] = judge_whole_or_part(arm.arm(), *works[j], axes[j], start[j], runs, gates);
     });
     adopt(&out.model, works, start, &judged);
-    for (Judged &g : judged) {
-        put_events(events, &g.d);
+    parallel(works.size(), [&](std::size_t j) {
+        Judged &g = judged[j];
+        pictures(*works[j], g.shown, g.axis, &g.d);
+        put_all_words(runs, start[j], events, &g);
+    });
+    for (Judged &g : judged)
         out.joints.push_back(std::move(g.d));
-    }
     return out;
 }
 

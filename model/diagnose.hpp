@@ -34,6 +34,7 @@ struct Effect {
     std::vector<EffectParameter> parameters;
     std::vector<double> table_x, table_nm; // "unnamed": torque over its axis, flat outside
     bool adopted = false;           // written into the model
+    std::string refused;            // why it is not, where the joint's verdict would have it
 };
 
 // What lives in a part of one run only: not in the fit, not in the model.
@@ -51,9 +52,9 @@ struct JointDiagnosis {
     int joint;                      // 1-based
     std::string verdict;            // named, unnamed, suspect, nothing
     // Held-out runs only.  before: the model as given; refit: its Coulomb and viscous friction fitted
-    // to the fit runs; after: of the model written (unnamed: with its table).  floor: what the best
-    // candidate of all, named or not, leaves on a run it was not fitted on.
-    double noise_floor_nm, rms_before_nm, rms_refit_nm, rms_after_nm;
+    // to the fit runs; after: of the model written; explained: with what was refused as well, else as after.
+    // floor: what the best candidate of all, named or not, leaves on a run it was not fitted on.
+    double noise_floor_nm, rms_before_nm, rms_refit_nm, rms_after_nm, rms_explained_nm;
     bool friction_refitted = false; // nothing adopted but friction fitted again: after is refit then
     std::vector<Effect> effects;
     std::vector<std::string> ambiguous_with;
@@ -62,6 +63,7 @@ struct JointDiagnosis {
     std::vector<Candidate> tried;   // all of them, best first
     std::vector<std::pair<std::string, double>> detection_limit_nm; // per effect, when nothing
     std::string words;              // the verdict as a sentence
+    bool refuses() const;           // is any of its effects refused?
     // for pictures, held-out runs
     std::vector<double> t_s, axis_x, residual_before_nm, residual_after_nm;
     std::string axis_label;

@@ -35,6 +35,8 @@ Json effect_json(const Effect &e)
     if (!e.table_x.empty())
         j["table"] = {{"x", e.table_x}, {"tau_nm", e.table_nm}};
     j["adopted"] = e.adopted;
+    if (!e.refused.empty())
+        j["refused"] = e.refused;
     return j;
 }
 
@@ -47,6 +49,8 @@ Json joint_json(const JointDiagnosis &d)
     j["rms_before_nm"] = d.rms_before_nm;
     j["rms_after_nm"] = d.rms_after_nm;
     j["rms_refit_nm"] = d.rms_refit_nm;
+    if (d.refuses())
+        j["rms_explained_nm"] = d.rms_explained_nm;
     j["friction_refitted"] = d.friction_refitted;
     j["effects"] = Json::array();
     for (const Effect &e : d.effects)
@@ -109,7 +113,7 @@ void add_pictures(Report *report, const JointDiagnosis &d)
     double top = 1e-9;
     for (double r : d.residual_before_nm)
         top = std::max(top, std::abs(r));
-    const auto residual = [&](const char *title, const std::vector<double> &y, int color) {
+    const auto residual = [&](const std::string &title, const std::vector<double> &y, int color) {
         Plot p;
         p.title = title;
         p.xlabel = d.axis_label;
@@ -120,8 +124,9 @@ void add_pictures(Report *report, const JointDiagnosis &d)
         p.series.push_back({"", d.axis_x, y, Series::Points, color});
         return p;
     };
+    const std::string after = d.refuses() ? "with what the model file cannot hold" : "after";
     report->plots({residual("before, held-out runs", d.residual_before_nm, PALETTE_BEFORE),
-                   residual("after, held-out runs", d.residual_after_nm, PALETTE_AFTER)});
+                   residual(after + ", held-out runs", d.residual_after_nm, PALETTE_AFTER)});
     if (d.order.empty())
         return;
     Plot p;
@@ -129,7 +134,7 @@ void add_pictures(Report *report, const JointDiagnosis &d)
     p.xlabel = "order per output turn";
     p.ylabel = "amplitude, N.m";
     p.series.push_back({"before", d.order, d.spectrum_before_nm, Series::Line, PALETTE_BEFORE});
-    p.series.push_back({"after", d.order, d.spectrum_after_nm, Series::Line, PALETTE_AFTER});
+    p.series.push_back({after, d.order, d.spectrum_after_nm, Series::Line, PALETTE_AFTER});
     report->plot(p);
 }
 

@@ -22,7 +22,9 @@ namespace hdt {
 struct BlockRows {
     std::string run;
     double block_s = 0.01;
-    double payload_kg = 0;             // declared for this run
+    double payload_kg = 0;             // of this run: what its log declares, else the arm's
+    Eigen::Vector3d payload_com_m = Eigen::Vector3d::Zero();
+    bool payload_declared = false;     // in the log: whatever payload the arm has does not count
     std::vector<Eigen::Index> block;   // block number of each row
     Eigen::VectorXd t_s, y_nm;         // y: gain * reported torque - declared terms
     Eigen::VectorXd q, v, a, dir, travel, gravity, total; // of this joint; total: all declared terms

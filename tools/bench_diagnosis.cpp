@@ -106,7 +106,7 @@ Answer read_answer(const nlohmann::json &j)
     a.floor_nm = j.at("noise_floor_nm").get<double>();
     a.before_nm = j.at("rms_before_nm").get<double>();
     a.refit_nm = j.at("rms_refit_nm").get<double>();
-    a.after_nm = j.at("rms_after_nm").get<double>();
+    a.after_nm = j.value("rms_explained_nm", j.at("rms_after_nm").get<double>());
     a.ambiguous = j.at("ambiguous_with").get<std::vector<std::string>>();
     for (const auto &e : j.value("events", nlohmann::json::array()))
         a.event_runs.push_back(e.at("run").get<std::string>());

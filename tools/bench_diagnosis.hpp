@@ -57,6 +57,7 @@ struct Answer {
     std::vector<std::string> names, axes, ambiguous;
     std::vector<std::string> event_runs;       // files of which a part is called an event
     bool adopted = false;                      // all that is said of it is in the model file written
+    // after: with all that is named, in the model file or not
     double floor_nm = 0, before_nm = 0, refit_nm = 0, after_nm = 0;
 };
 // Of a diagnosis.json; throws InputError naming the key that is missing.  One entry per joint, 1..joints.
