@@ -109,13 +109,14 @@ bool split_one_way(const JointFitState &j, int way, hdt_arm_friction f[2], ArmFi
 {
     const int joint = j.rows.joint, other = 1 - way;
     const double sum = f[way].f0_nm, sign = way == 0 ? 1 : -1, least = least_coulomb(j, way, f[way]);
-    const std::string at = joint_key(joint, "friction."), key = at + way_name[way] + ".f0";
-    const bool known = file->has(at + way_name[other] + ".f0"), split = sum < least;
+    const hdt_arm_joint &given = file->arm().joint[joint];
+    const bool known = file->has(joint_key(joint, std::string("friction.") + way_name[other] + ".f0"));
+    const bool split = sum < least;
     std::string note = "joint " + std::to_string(joint + 1) + ": no motion in " + way_name[other]
                        + " direction: Coulomb friction and a constant torque are one number in these runs, "
                        + in_words(sum) + " N m; ";
     if (split) {
-        f[way].f0_nm = std::max(least, file->has(key) ? file->get(key).value[0] : 0.0);
+        f[way].f0_nm = std::max(least, given.has_friction ? given.friction[way].f0_nm : 0.0);
         add_offset(joint, sign * (sum - f[way].f0_nm), sigma_of(j, F0, way, 0), file, list);
         note += "written as a torque offset beside friction of " + in_words(f[way].f0_nm) + " N m";
     } else {
@@ -174,7 +175,7 @@ void write_friction(const JointFitState &j, ArmFile *file, std::vector<FitParame
         all = all && m.free_fv[way] && m.free_fs[way];
         const bool told = m.free_f0[way] && !split;
         // what an offset stands beside: the file's, or as little as it can be
-        if (!told && file->has(at + "f0") && file->get(at + "f0").value[0] != f[way].f0_nm)
+        if (m.free_f0[way] && split && f[way].f0_nm != file->arm().joint[j.rows.joint].friction[way].f0_nm)
             file->set(at + "f0", quantity({f[way].f0_nm}, "N m", {unknown}, "output"));
         write_number(at + "f0", "N m", f[way].f0_nm, sigma_of(j, F0, way, 0), told, file, list);
         write_number(at + "fv", "N m s/rad", f[way].fv_nmspr, sigma_of(j, FV, way, 0), m.free_fv[way], file,
