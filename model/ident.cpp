@@ -12,8 +12,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 
+#include "model/ident_guard.hpp"
 #include "model/ident_model.hpp"
 #include "model/ident_presliding.hpp"
 
@@ -55,7 +57,7 @@ struct Fit {
     std::vector<JointModel> prior;
     std::vector<std::string> notes;
     std::vector<int> candidates;    // base parameters still allowed; empty with known masses
-    bool base = false;
+    bool base = false, held = false; // held: what the joints share is not fitted
 };
 
 bool spans_regions(const JointRows &r, int way, const hdt_arm_stiffness &k)
@@ -149,6 +151,14 @@ Fit start(const hdt_arm &arm, std::vector<JointRows> rows, const std::vector<int
     return f;
 }
 
+// What the joints share stays as the file has it.
+void hold_shared(Fit *f)
+{
+    f->held = true;
+    f->problem.shared_free.clear();
+    f->problem.ridge = 0;
+}
+
 // Solve; a number whose column depends on others goes back to the file's.
 void solve_all(Fit *f)
 {
@@ -174,6 +184,8 @@ void choose_base(const hdt_arm &arm, Fit *f)
     Problem &p = f->problem;
     for (;;) {
         p.beta.setZero();
+        for (const auto &[k, c] : release_dependent(&p))
+            restore(f->prior[k], c, &p.joint[k].model);
         p.shared_free = independent_shared(p, f->candidates);
         p.ridge = best_ridge(p);
         solve_all(f);
@@ -191,7 +203,7 @@ void choose_base(const hdt_arm &arm, Fit *f)
 void iterate(const hdt_arm &arm, Fit *f)
 {
     for (int k = 0; k < searches_max; k++) {
-        if (f->base)
+        if (f->base && !f->held)
             choose_base(arm, f);
         solve_all(f);
         reweight(&f->problem);
@@ -605,14 +617,16 @@ void cut_off_notes(const Problem &p, std::vector<std::string> *notes)
         }
 }
 
-void add_presliding(const std::vector<Run> &runs, double block_s, IdentResult *out)
+void add_presliding(const std::vector<Run> &runs, const std::vector<int> &joints, double block_s,
+                    IdentResult *out)
 {
-    std::vector<int> joints;
-    for (const JointFit &j : out->joints)
-        joints.push_back(j.joint);
+    if (joints.empty())
+        return;
     std::vector<std::vector<FitParameter>> built_up = fit_presliding(runs, joints, block_s, &out->model);
     for (std::size_t k = 0; k < joints.size(); k++) {
-        std::vector<FitParameter> &list = out->joints[k].parameters;
+        auto of = std::find_if(out->joints.begin(), out->joints.end(),
+                               [&](const JointFit &j) { return j.joint == joints[k]; });
+        std::vector<FitParameter> &list = of->parameters;
         list.insert(list.end(), built_up[k].begin(), built_up[k].end());
     }
 }
@@ -628,31 +642,38 @@ void check_arm(const hdt_arm &arm)
                                "none: give them or remove the term");
 }
 
-} // namespace
+// What identification works on, and what the model given says of it.
+struct Data {
+    const ArmFile &file;
+    const std::vector<Run> &fit_runs;
+    std::vector<Conditioned> fit, test;
+    std::vector<JointRows> rows, before, test_before; // rows: with columns
+    double block_s;
+};
 
-IdentResult identify(const ArmFile &file, const std::vector<Run> &fit_runs, const std::vector<Run> &test_runs,
-                     const IdentOptions &options)
+Data gather(const ArmFile &file, const std::vector<Run> &fit_runs, const std::vector<Run> &test_runs,
+            const IdentOptions &options)
 {
-    const hdt_arm &arm = file.arm();
-    check_arm(arm);
-    if (fit_runs.empty())
-        throw InputError("expected at least one run to fit, found none");
     ConditionOptions how;
     how.block_s = options.block_s;
     how.reversal_guard_s = options.reversal_guard_s;
     how.reversal_travel_rad = options.reversal_travel_rad;
-    std::vector<Conditioned> fit_data = condition_all(fit_runs, arm, how);
-    std::vector<Conditioned> test_data = condition_all(test_runs, arm, how);
-    std::vector<JointRows> rows = make_rows(arm, fit_data, true);
-    std::vector<JointRows> before = rows;
-    Fit f = start(arm, std::move(rows), options.joints);
-    run_fit(arm, &f);
+    Data d{file, fit_runs, condition_all(fit_runs, file.arm(), how),
+           condition_all(test_runs, file.arm(), how), {}, {}, {}, options.block_s};
+    d.rows = make_rows(file.arm(), d.fit, true);
+    d.before = make_rows(file.arm(), d.fit, false);
+    d.test_before = make_rows(file.arm(), d.test, false);
+    return d;
+}
 
-    IdentResult out{file, {}, {}, f.notes};
-    out.model.set_text("sources.IDENT", "hdt ident on " + file_names(fit_runs));
-    if (f.base)
+// The file with the fit in it; joints in `kept` have their numbers as the file has them.
+IdentResult write_fit(const Data &data, const Fit &f, const std::vector<int> &kept)
+{
+    IdentResult out{data.file, {}, {}, f.notes};
+    out.model.set_text("sources.IDENT", "hdt ident on " + file_names(data.fit_runs));
+    if (f.base && !f.problem.shared_free.empty())
         out.chain = write_base(f.problem, &out.model);
-    else {
+    else if (!f.base) {
         bool scaled = !f.problem.shared_free.empty();
         double sigma = scaled ? f.problem.beta_sigma[0] : unknown;
         out.chain.push_back({"gravity_scale", "1", f.problem.beta[0], sigma, scaled});
@@ -660,6 +681,7 @@ IdentResult identify(const ArmFile &file, const std::vector<Run> &fit_runs, cons
             write_scale(f.problem, &out.model);
     }
     cut_off_notes(f.problem, &out.notes);
+    std::vector<int> fitted;
     for (std::size_t k = 0; k < f.problem.joint.size(); k++) {
         JointFit j = {};
         const JointRows &r = f.problem.joint[k].rows;
@@ -671,27 +693,121 @@ IdentResult identify(const ArmFile &file, const std::vector<Run> &fit_runs, cons
         own_scale(f.problem, k, &j);
         j.friction = compare_friction(f.problem, f.problem.joint[k]);
         out.joints.push_back(j);
+        if (std::find(kept.begin(), kept.end(), j.joint) == kept.end())
+            fitted.push_back(j.joint);
     }
     if (!f.base)
         scale_notes(f.problem, out.joints, &out.notes);
-    if (fit_runs.size() < 4)
+    if (data.fit_runs.size() < 4)
         out.notes.push_back("fewer than four runs: sigma does not hold scatter from run to run");
     out.model.refresh();
-    add_presliding(fit_runs, options.block_s, &out);
+    add_presliding(data.fit_runs, fitted, data.block_s, &out);
     out.model.refresh();
+    return out;
+}
 
-    std::vector<JointRows> after = make_rows(out.model.arm(), fit_data, false);
-    std::vector<JointRows> test_before, test_after;
-    if (!test_data.empty()) {
-        test_before = make_rows(arm, test_data, false);
-        test_after = make_rows(out.model.arm(), test_data, false);
-    }
-    for (JointFit &j : out.joints) {
-        compare(before, after, false, &j);
-        if (!test_data.empty())
-            compare(test_before, test_after, true, &j);
+struct Judged {
+    IdentResult result;
+    std::vector<int> worse;         // joints, 1-based
+    double log_error;               // of all joints together, on the runs that judge
+};
+
+std::string figures(double before, double after, bool held_out)
+{
+    char text[120];
+    std::snprintf(text, sizeof text, "%.4g N m with the model given, %.4g with the fit, on the %s runs", before,
+                  after, held_out ? "test" : "fit");
+    return text;
+}
+
+// The model as written, read back, beside the model given.
+Judged judge_written(const Data &data, IdentResult result)
+{
+    const ArmFile back = ArmFile::parse(result.model.text(), "model.toml");
+    std::vector<JointRows> after = make_rows(back.arm(), data.fit, false);
+    std::vector<JointRows> test_after = make_rows(back.arm(), data.test, false);
+    Judged out{std::move(result), {}, 0};
+    for (JointFit &j : out.result.joints) {
+        const std::size_t k = static_cast<std::size_t>(j.joint - 1);
+        compare(data.before, after, false, &j);
+        if (!data.test.empty())
+            compare(data.test_before, test_after, true, &j);
+        const bool held_out = data.test_before[k].rows() > 0;
+        const JointRows &now = held_out ? test_after[k] : after[k];
+        if (clearly_worse(held_out ? data.test_before[k] : data.before[k], now))
+            out.worse.push_back(j.joint);
+        out.log_error += std::log(std::max(1e-9, error_nm(now)));
     }
     return out;
+}
+
+std::string figures(const JointFit &j)
+{
+    bool held_out = std::isfinite(j.held_out_after_nm);
+    return held_out ? figures(j.held_out_before_nm, j.held_out_after_nm, true)
+                    : figures(j.rms_before_nm, j.rms_after_nm, false);
+}
+
+const JointFit &of_joint(const IdentResult &r, int joint)
+{
+    return *std::find_if(r.joints.begin(), r.joints.end(), [&](const JointFit &j) { return j.joint == joint; });
+}
+
+// Joints the fit makes worse than the model given keep what the file has of them, and it is said.
+Judged keep_worse(const Data &data, Fit f)
+{
+    Judged out = judge_written(data, write_fit(data, f, {}));
+    if (out.worse.empty())
+        return out;
+    std::vector<std::string> notes;
+    for (JointFitState &j : f.problem.joint) {
+        const int joint = j.rows.joint + 1;
+        if (std::find(out.worse.begin(), out.worse.end(), joint) == out.worse.end())
+            continue;
+        j.model = model_of(data.file.arm().joint[j.rows.joint]);
+        j.columns.clear();
+        notes.push_back("joint " + std::to_string(joint) + ": its numbers were kept as they were: "
+                        + figures(of_joint(out.result, joint)) + ": what these runs showed does not hold");
+    }
+    Judged kept = judge_written(data, write_fit(data, f, out.worse));
+    if (!kept.worse.empty() && kept.log_error > out.log_error) // they went with the masses as they were
+        return out;
+    kept.result.notes.insert(kept.result.notes.begin(), notes.begin(), notes.end());
+    return kept;
+}
+
+} // namespace
+
+IdentResult identify(const ArmFile &file, const std::vector<Run> &fit_runs, const std::vector<Run> &test_runs,
+                     const IdentOptions &options)
+{
+    const hdt_arm &arm = file.arm();
+    check_arm(arm);
+    if (fit_runs.empty())
+        throw InputError("expected at least one run to fit, found none");
+    const Data data = gather(file, fit_runs, test_runs, options);
+    Fit f = start(arm, data.rows, options.joints);
+    run_fit(arm, &f);
+    Judged out = keep_worse(data, f);
+    if (out.worse.empty() || f.problem.shared_free.empty())
+        return out.result;
+    // a joint is still worse, for the sake of numbers all joints share: those of the file, then
+    Fit held = start(arm, data.rows, options.joints);
+    hold_shared(&held);
+    run_fit(arm, &held);
+    Judged without = keep_worse(data, held);
+    const bool base_pays = f.base && out.log_error < without.log_error;
+    for (int joint : out.worse) {
+        const std::string what = joint_name(joint - 1) + ": " + figures(of_joint(out.result, joint));
+        if (base_pays)
+            out.result.notes.insert(out.result.notes.begin(),
+                                    what + ": the masses fitted for all joints do not hold for this one");
+        else
+            without.result.notes.insert(without.result.notes.begin(),
+                                        what + ": the masses were kept for its sake; to scale them by the other "
+                                               "joints alone, give those with --joints");
+    }
+    return base_pays ? out.result : without.result;
 }
 
 } // namespace hdt

@@ -62,6 +62,9 @@ struct IdentResult {
     std::vector<std::string> notes;  // sentences: what could not be told, and why
 };
 
+// The errors after are those of the model as written, read back.  A joint that is then clearly worse than
+// with the model given, on the test runs or without any on the fit runs, keeps the numbers it had, and
+// a note says so; where the masses are to blame, they are kept.
 // Throws InputError when the runs do not fit the arm.
 IdentResult identify(const ArmFile &arm, const std::vector<Run> &fit, const std::vector<Run> &test,
                      const IdentOptions &options);

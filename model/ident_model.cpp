@@ -13,6 +13,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 
 #include "model/terms.hpp"
@@ -34,6 +35,13 @@ std::string joint_key(int joint, const std::string &rest)
     return "joint." + std::to_string(joint + 1) + "." + rest;
 }
 
+std::string in_words(double x)
+{
+    char text[40];
+    std::snprintf(text, sizeof text, "%.3g", x);
+    return text;
+}
+
 double file_sigma(const ArmFile &file, const std::string &key)
 {
     if (!file.has(key))
@@ -51,16 +59,9 @@ void write_number(const std::string &key, const char *unit, double value, double
     list->push_back({key, unit, value, fitted ? sigma : file_sigma(*file, key), fitted});
 }
 
-// Coulomb friction below zero one way is a constant torque beside it: the same curve, told apart.
-void split_offset(const JointFitState &j, hdt_arm_friction f[2], ArmFile *file,
-                  std::vector<FitParameter> *list, std::vector<std::string> *notes)
+// Adds to the file's constant torque of this joint.
+void add_offset(int joint, double offset, double sigma, ArmFile *file, std::vector<FitParameter> *list)
 {
-    if (f[0].f0_nm >= 0 && f[1].f0_nm >= 0)
-        return;
-    int joint = j.rows.joint;
-    double offset = (f[0].f0_nm - f[1].f0_nm) / 2, sigma = 0;
-    f[0].f0_nm = f[1].f0_nm = std::max(0.0, (f[0].f0_nm + f[1].f0_nm) / 2);
-    sigma = std::hypot(sigma_of(j, F0, 0, 0), sigma_of(j, F0, 1, 0)) / 2;
     std::string array = joint_key(joint, "effect"), key;
     if (int k = file->find(array, "torque_offset")) {
         key = array + "." + std::to_string(k) + ".torque";
@@ -72,9 +73,63 @@ void split_offset(const JointFitState &j, hdt_arm_friction f[2], ArmFile *file,
         key = array + "." + std::to_string(file->count(array)) + ".torque";
     }
     list->push_back({key, "N m", offset, sigma, true});
-    notes->push_back("joint " + std::to_string(joint + 1)
+}
+
+// Coulomb friction below zero one way is a constant torque beside it: the same curve, told apart.
+void split_offset(const JointFitState &j, hdt_arm_friction f[2], ArmFile *file,
+                  std::vector<FitParameter> *list, std::vector<std::string> *notes)
+{
+    if (f[0].f0_nm >= 0 && f[1].f0_nm >= 0)
+        return;
+    double offset = (f[0].f0_nm - f[1].f0_nm) / 2;
+    f[0].f0_nm = f[1].f0_nm = std::max(0.0, (f[0].f0_nm + f[1].f0_nm) / 2);
+    double sigma = std::hypot(sigma_of(j, F0, 0, 0), sigma_of(j, F0, 1, 0)) / 2;
+    add_offset(j.rows.joint, offset, sigma, file, list);
+    notes->push_back("joint " + std::to_string(j.rows.joint + 1)
                      + ": Coulomb friction came out negative one way; the two directions were made equal and "
                        "the difference written as a torque offset, which sliding data cannot tell from it");
+}
+
+// The least Coulomb friction that leaves this curve nowhere below zero.
+double least_coulomb(const JointFitState &j, int way, const hdt_arm_friction &f)
+{
+    hdt_arm_friction rest = f;
+    rest.f0_nm = 0;
+    double top = std::max(j.rows.speed[way].maxCoeff(), 1.0), least = 0;
+    for (int k = 0; k <= 50; k++)
+        least = std::max(least, -stribeck_nm(rest, top * k / 50));
+    return least;
+}
+
+// A joint that moved one way only shows Coulomb friction and a constant torque as one number: what it
+// showed is written, as friction where it can be that, else as an offset beside the file's friction.
+// True: an offset was written and the Coulomb friction of that way is not the fit's.
+bool split_one_way(const JointFitState &j, int way, hdt_arm_friction f[2], ArmFile *file,
+                   std::vector<FitParameter> *list, std::vector<std::string> *notes)
+{
+    const int joint = j.rows.joint, other = 1 - way;
+    const double sum = f[way].f0_nm, sign = way == 0 ? 1 : -1, least = least_coulomb(j, way, f[way]);
+    const hdt_arm_joint &given = file->arm().joint[joint];
+    const bool known = file->has(joint_key(joint, std::string("friction.") + way_name[other] + ".f0"));
+    const bool split = sum < least;
+    std::string note = "joint " + std::to_string(joint + 1) + ": no motion in " + way_name[other]
+                       + " direction: Coulomb friction and a constant torque are one number in these runs, "
+                       + in_words(sum) + " N m; ";
+    if (split) {
+        f[way].f0_nm = std::max(least, given.has_friction ? given.friction[way].f0_nm : 0.0);
+        add_offset(joint, sign * (sum - f[way].f0_nm), sigma_of(j, F0, way, 0), file, list);
+        note += "written as a torque offset beside friction of " + in_words(f[way].f0_nm) + " N m";
+    } else {
+        note += "written as friction";
+    }
+    if (!known) { // a file that knows nothing of that way: as the way that moved
+        f[other] = f[way];
+        note += "; friction in " + std::string(way_name[other]) + " direction was set to that of the other";
+    } else {
+        note += "; friction in " + std::string(way_name[other]) + " direction is still the file's";
+    }
+    notes->push_back(note + ". Log it moving both ways");
+    return split;
 }
 
 void write_valid(const JointFitState &j, bool all_fitted, ArmFile *file)
@@ -110,17 +165,19 @@ void write_friction(const JointFitState &j, ArmFile *file, std::vector<FitParame
     bool any = m.free_f0[0] || m.free_f0[1], all = m.free_f0[0] && m.free_f0[1];
     if (!any && !file->has(joint_key(j.rows.joint, "friction.positive.f0")))
         return;
-    split_offset(j, f, file, list, notes);
+    bool split = false;
+    if (all)
+        split_offset(j, f, file, list, notes);
+    else if (any)
+        split = split_one_way(j, m.free_f0[0] ? 0 : 1, f, file, list, notes);
     for (int way = 0; way < 2; way++) {
         std::string at = joint_key(j.rows.joint, std::string("friction.") + way_name[way] + ".");
-        // a way the log never moved, in a file that knows nothing of it: as the other way
-        if (!m.free_f0[way] && !file->has(at + "f0")) {
-            f[way] = f[1 - way];
-            notes->push_back("joint " + std::to_string(j.rows.joint + 1) + ": no motion in " + way_name[way]
-                             + " direction; its friction was set to that of the other");
-        }
         all = all && m.free_fv[way] && m.free_fs[way];
-        write_number(at + "f0", "N m", f[way].f0_nm, sigma_of(j, F0, way, 0), m.free_f0[way], file, list);
+        const bool told = m.free_f0[way] && !split;
+        // what an offset stands beside: the file's, or as little as it can be
+        if (m.free_f0[way] && split && f[way].f0_nm != file->arm().joint[j.rows.joint].friction[way].f0_nm)
+            file->set(at + "f0", quantity({f[way].f0_nm}, "N m", {unknown}, "output"));
+        write_number(at + "f0", "N m", f[way].f0_nm, sigma_of(j, F0, way, 0), told, file, list);
         write_number(at + "fv", "N m s/rad", f[way].fv_nmspr, sigma_of(j, FV, way, 0), m.free_fv[way], file,
                      list);
         write_number(at + "fs", "N m", f[way].fs_nm, sigma_of(j, FS, way, 0), m.free_fs[way], file, list);

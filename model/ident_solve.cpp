@@ -181,6 +181,23 @@ std::vector<Reduced> reduce_all(const Problem &p)
     return out;
 }
 
+// All joints, without the own columns that depend on earlier ones.
+std::vector<Reduced> reduce_independent(Problem *p, std::vector<std::pair<std::size_t, Column>> *released)
+{
+    for (;;) {
+        std::vector<Reduced> r = reduce_all(*p);
+        bool again = false;
+        for (std::size_t j = 0; j < r.size(); j++)
+            if (r[j].has_bad) {
+                release(&p->joint[j].model, r[j].bad);
+                released->push_back({j, r[j].bad});
+                again = true;
+            }
+        if (!again)
+            return r;
+    }
+}
+
 // The joints' remainders under each other, weighted; last column is torque.
 MatrixXd stack(const Problem &p, const std::vector<Reduced> &r)
 {
@@ -515,20 +532,17 @@ void restore(const JointModel &from, const Column &c, JointModel *m)
         *number(m, {kind, c.way, c.index}) = *number(&source, {kind, c.way, c.index});
 }
 
+std::vector<std::pair<std::size_t, Column>> release_dependent(Problem *p)
+{
+    std::vector<std::pair<std::size_t, Column>> released;
+    reduce_independent(p, &released);
+    return released;
+}
+
 std::vector<std::pair<std::size_t, Column>> solve(Problem *p)
 {
     std::vector<std::pair<std::size_t, Column>> released;
-    std::vector<Reduced> r;
-    for (bool again = true; again;) {
-        again = false;
-        r = reduce_all(*p);
-        for (std::size_t j = 0; j < r.size(); j++)
-            if (r[j].has_bad) {
-                release(&p->joint[j].model, r[j].bad);
-                released.push_back({j, r[j].bad});
-                again = true;
-            }
-    }
+    const std::vector<Reduced> r = reduce_independent(p, &released);
     VectorXd beta = VectorXd::Zero(static_cast<Index>(p->shared_free.size()));
     if (beta.size() > 0) {
         MatrixXd all = stack(*p, r);

@@ -72,6 +72,9 @@ Eigen::VectorXd residual(const Problem &p, const JointFitState &j);
 // Take the numbers that belong to this column from another model.
 void restore(const JointModel &from, const Column &c, JointModel *m);
 
+// Takes own columns that depend on earlier ones out of the fit and names them (joint index, column).
+std::vector<std::pair<std::size_t, Column>> release_dependent(Problem *p);
+
 // Solve for everything free; sets numbers and rms.  A column that depends on earlier ones is
 // released from the fit and named in the returned list (joint index, column).
 std::vector<std::pair<std::size_t, Column>> solve(Problem *p);
@@ -88,7 +91,8 @@ bool search_knots(Problem *p);
 // Blocks in motion that each of the three lines must have, both ways.
 constexpr Eigen::Index min_region_blocks = 20;
 
-// Those of the candidates that add anything beyond own columns and each other.
+// Those of the candidates that add anything beyond own columns, which do not depend on each other, and
+// each other.
 std::vector<int> independent_shared(const Problem &p, const std::vector<int> &candidates);
 // The weight of the expected sizes that predicts left-out stretches of time best.
 double best_ridge(const Problem &p);

@@ -67,6 +67,8 @@ int run_ident(const FitOptions &o)
     for (const JointFit &j : result.joints)
         std::printf("%5d %15.3f %6.3f %18.3f %6.3f\n", j.joint, j.rms_before_nm, j.rms_after_nm,
                     j.held_out_before_nm, j.held_out_after_nm);
+    for (const std::string &note : result.notes)
+        std::printf("note: %s\n", note.c_str());
     std::printf("model: %s/model.toml   report: %s/report.html\n", o.out.c_str(), o.out.c_str());
     return Ok;
 }
