@@ -401,6 +401,20 @@ void write_run(const std::string &path, const Run &run)
     write_file(path, as_text(columns, run));
 }
 
+bool same_measurement(const Run &a, const Run &b)
+{
+    bool any = false;
+    for (std::size_t j = 0; j < std::min(a.joint.size(), b.joint.size()); ++j) {
+        const Joint &x = a.joint[j], &y = b.joint[j];
+        if (!x.present || !y.present)
+            continue;
+        if (x.q_rad != y.q_rad || x.tau_nm != y.tau_nm)
+            return false;
+        any = true;
+    }
+    return any;
+}
+
 Run cut_run(const Run &run, double t0_s, double t1_s)
 {
     const auto first = std::lower_bound(run.t_s.begin(), run.t_s.end(), t0_s) - run.t_s.begin();

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the commands do not take, what they say then, and how they end.
+// Goal: a wrong command line is 2, a bad file 3, each in words that name it; nothing is compared, fitted or
+// simulated that was not asked for; an end before the end is said.
+// Method: build/hdt in a directory of its own, virtual time, short logs.
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "model/log.hpp"
+#include "tests/check_main.h"
+#include "tests/shell.hpp"
+
+namespace {
+
+std::string dir;
+
+void set_up() { dir = scratch_dir(); }
+
+void tear_down() { std::filesystem::remove_all(dir); }
+
+Result must(const std::string &line)
+{
+    Result r = sh(line);
+    ck_assert_msg(r.code == 0, "%s: exit code %d: %s", line.c_str(), r.code, r.err.c_str());
+    return r;
+}
+
+bool holds(const std::string &text, const std::string &words) { return text.find(words) != std::string::npos; }
+
+// Ends with this code; stderr holds the words; nothing on stdout, no `product` and no part of one left.
+Result refused(int code, const std::string &line, const std::string &words, const std::string &product = "x.csv")
+{
+    std::filesystem::remove(dir + "/" + product);
+    Result r = sh(line);
+    ck_assert_msg(r.code == code, "%s: exit code %d, expected %d: %s", line.c_str(), r.code, code, r.err.c_str());
+    ck_assert_msg(holds(r.err, words), "%s: expected \"%s\" in: %s", line.c_str(), words.c_str(), r.err.c_str());
+    ck_assert_msg(r.out.empty(), "%s: said %s", line.c_str(), r.out.c_str());
+    ck_assert_msg(!std::filesystem::exists(dir + "/" + product), "%s left %s", line.c_str(), product.c_str());
+    ck_assert_msg(sh("! ls | grep '[.]part'").code == 0, "%s left a part of a file", line.c_str());
+    return r;
+}
+
+void spill(const std::string &name, const std::string &bytes)
+{
+    std::ofstream(dir + "/" + name, std::ios::binary) << bytes;
+}
+
+// A short run with noise and, unless it is given, motion of this seed.
+std::string run(int seed, const std::string &name, const std::string &options, int motion = 0)
+{
+    return "$H sim --arm $A --seed " + std::to_string(seed) + " --task excite:seed=" +
+           std::to_string(motion != 0 ? motion : seed) + ",seconds=5 --out " + name + " " + options;
+}
+
+} // namespace
+
+START_TEST(test_compare_takes_only_like_runs)
+{
+    must(run(1, "a.csv", "--terms"));
+    must(run(2, "b.csv", "--terms", 1));
+    must(run(2, "bare.csv", "", 1));
+    must(run(2, "other.csv", "--terms"));
+    must(run(2, "velocity.csv", "--terms --mode velocity", 1));
+    must(run(2, "load.csv", "--terms --payload 1", 1));
+    const std::string line = "$H compare --model $A --out x.html --before a.csv --after ";
+    must("sed 's/^# arm = .*/# arm = other/' b.csv >arm.csv; cp a.csv copy.csv; ln -s a.csv link.csv");
+    refused(3, line + "a.csv", "a.csv: the same measurement as a.csv", "x.html");
+    refused(3, line + "./copy.csv", "./copy.csv: the same measurement as a.csv", "x.html");
+    refused(3, line + "link.csv", "the same measurement", "x.html");
+    refused(3, line + "other.csv", "other.csv: task: expected \"excite:seed=1,seconds=5\" as in a.csv, found "
+            "\"excite:seed=2,seconds=5\"", "x.html");
+    refused(3, line + "velocity.csv", "velocity.csv: mode: expected \"torque\"", "x.html");
+    refused(3, line + "arm.csv", "arm.csv: arm: expected \"pa10\" as in a.csv, found \"other\"", "x.html");
+    refused(3, line + "load.csv", "load.csv: payload_kg: expected nothing as in a.csv, found", "x.html");
+    refused(3, line + "bare.csv", "bare.csv: expected the feedback's torques", "x.html");
+    Result r = sh(line + "b.csv");
+    ck_assert_msg(r.code <= 1 && holds(r.out, "feedback torque share"), "%s%s", r.out.c_str(), r.err.c_str());
+}
+END_TEST
+
+START_TEST(test_compare_reads_only_a_diagnosis_of_its_version)
+{
+    must(run(1, "a.csv", "--terms") + "; " + run(2, "b.csv", "--terms", 1));
+    const std::string line = "$H compare --model $A --out x.html --before a.csv --after b.csv --diagnosis d.json";
+    const std::string joint = R"({"joint":1,"verdict":"nothing","noise_floor_nm":1,"rms_before_nm":1,)"
+                              R"("rms_after_nm":1,"effects":[],"ambiguous_with":[],"next_experiment":""})";
+    const std::string head = R"({"format":"hdt-diagnosis","version":)";
+    const char *const bad[][2] = {
+        {R"({"format":"hdt-ident","version":1,"joints":[]})", "d.json: format: expected \"hdt-diagnosis\", found "
+                                                              "\"hdt-ident\""},
+        {"[]", "d.json: format: expected \"hdt-diagnosis\", found nothing"},
+        {"{", "d.json: expected JSON"},
+        {"", "d.json: expected JSON"},
+        {R"({"format":"hdt-diagnosis","version":2,"joints":[]})", "d.json: version: this program reads 1, found 2"},
+        {R"({"format":"hdt-diagnosis","version":1})", "d.json: not of the shape"},
+        {R"({"format":"hdt-diagnosis","version":1,"joints":[{"joint":"a"}]})", "d.json: not of the shape"}};
+    for (const auto &[text, words] : bad) {
+        spill("d.json", text);
+        refused(3, line, words, "x.html");
+    }
+    std::string foo = head + "1,\"joints\":[" + joint + "]}";
+    spill("d.json", foo);
+    ck_assert_int_le(sh(line).code, 1);
+    foo.replace(foo.find("nothing"), 7, "foo");
+    spill("d.json", foo);
+    refused(3, line, "d.json: joint 1: verdict: expected named, unnamed, suspect or nothing, found 'foo'", "x.html");
+}
+END_TEST
+
+START_TEST(test_a_run_counts_once)
+{
+    must(run(1, "a.csv", "") + "; " + run(2, "b.csv", "") + "; cp a.csv copy.csv; ln -s a.csv link.csv");
+    for (const char *command : {"$H ident --arm $A", "$H diagnose --model $A"})
+        for (const char *runs : {"--fit a.csv a.csv --test b.csv", "--fit a.csv b.csv --test ./a.csv",
+                                 "--fit a.csv copy.csv --test b.csv", "--fit a.csv b.csv --test link.csv"}) {
+            Result r = refused(3, std::string(command) + " --out d " + runs, "the same measurement as a.csv", "d");
+            ck_assert_msg(holds(r.err, "every run once"), "%s", r.err.c_str());
+        }
+}
+END_TEST
+
+static Suite *commands_suite(void)
+{
+    Suite *s = suite_create("commands");
+    TCase *t = tcase_create("refusals");
+    tcase_set_timeout(t, 120);
+    tcase_add_checked_fixture(t, set_up, tear_down);
+    tcase_add_test(t, test_compare_takes_only_like_runs);
+    tcase_add_test(t, test_compare_reads_only_a_diagnosis_of_its_version);
+    tcase_add_test(t, test_a_run_counts_once);
+    suite_add_tcase(s, t);
+    return s;
+}
+
+HDT_CHECK_MAIN(commands_suite())
