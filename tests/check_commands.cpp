@@ -4,6 +4,7 @@
 // Goal: a wrong command line is 2, a bad file 3, each in words that name it; nothing is compared, fitted or
 // simulated that was not asked for; an end before the end is said.
 // Method: build/hdt in a directory of its own, virtual time, short logs.
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -123,6 +124,54 @@ START_TEST(test_a_run_counts_once)
 }
 END_TEST
 
+START_TEST(test_event_log_converts_to_the_csv_of_its_run)
+{
+    for (const char *terms : {"", " --terms"}) {
+        const std::string how = std::string(" --payload 1.5 ") + terms;
+        must(run(1, "a.csv", how) + "; " + run(1, "a.lcm", how));
+        Result r = must(std::string("$H log convert a.lcm b.csv") + terms + "; cmp a.csv b.csv");
+        ck_assert_msg(holds(r.out, "b.csv: ") && holds(r.out, "joints 1 2 3 4 5 6 7"), "%s", r.out.c_str());
+    }
+    // who cannot read one says how to go on
+    for (const char *line : {"$H ident --arm $A --out x.csv --fit a.lcm", "$H log cut a.lcm x.csv",
+                             "$H diagnose --model $A --out x.csv --fit a.csv --test a.lcm", "$H log check a.lcm",
+                             "$H compare --model $A --out x.csv --before a.csv --after a.lcm"})
+        refused(3, line, "hdt log convert a.lcm a.csv");
+    // cut off: nothing is made of it
+    must("head -c 100000 a.lcm >cut.lcm");
+    refused(3, "$H log convert cut.lcm x.csv", "cut.lcm: at byte");
+    refused(3, "$H log convert nowhere.csv x.csv --map nowhere.toml", "nowhere.toml");
+    refused(2, "$H log convert a.csv x.csv", "a.csv: is no LCM event log of hdt: a foreign table needs a map");
+    refused(2, "$H log convert a.csv x.csv --map m.toml --terms", "--terms");
+}
+END_TEST
+
+START_TEST(test_dump_of_a_fault_converts)
+{
+    must("$H sim --arm $A --task excite:seed=4,seconds=20 --effect contact=200@2:from=8,to=12 --out run.csv "
+         "--dump dump.lcm --terms; test $? = 1");
+    must("$H log convert dump.lcm dump.csv --terms");
+    // the run's own last rows, time counted from another first
+    const hdt::Run all = hdt::read_run(dir + "/run.csv"), part = hdt::read_run(dir + "/dump.csv");
+    ck_assert_uint_gt(part.rows(), 1000);
+    const auto &long_q = all.joint[1].q_rad, &q = part.joint[1].q_rad;
+    const auto at = std::search(long_q.begin(), long_q.end(), q.begin(), q.end());
+    ck_assert_msg(at != long_q.end(), "not a part of the run");
+    ck_assert_int_ne(static_cast<int>(part.extra.at("fault").back()), 0);
+}
+END_TEST
+
+START_TEST(test_logs_keep_their_names_and_their_sources)
+{
+    must(run(1, "a.csv", "") + "; cp a.csv keep.csv; ln -s a.csv link.csv");
+    refused(2, "$H log cut a.csv x.lcm --to 1", "x.lcm: what is written is CSV", "x.lcm");
+    refused(2, "$H log convert a.csv x.lcm --map m.toml", "x.lcm: what is written is CSV", "x.lcm");
+    refused(2, "$H log cut a.csv ./a.csv --to 1", "is what is read", "never");
+    refused(2, "$H log cut a.csv link.csv --to 1", "is what is read", "never");
+    must("cmp a.csv keep.csv");
+}
+END_TEST
+
 static Suite *commands_suite(void)
 {
     Suite *s = suite_create("commands");
@@ -132,6 +181,9 @@ static Suite *commands_suite(void)
     tcase_add_test(t, test_compare_takes_only_like_runs);
     tcase_add_test(t, test_compare_reads_only_a_diagnosis_of_its_version);
     tcase_add_test(t, test_a_run_counts_once);
+    tcase_add_test(t, test_event_log_converts_to_the_csv_of_its_run);
+    tcase_add_test(t, test_dump_of_a_fault_converts);
+    tcase_add_test(t, test_logs_keep_their_names_and_their_sources);
     suite_add_tcase(s, t);
     return s;
 }

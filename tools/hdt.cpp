@@ -75,6 +75,15 @@ std::vector<int> parse_joints(const std::string &text)
     return joints;
 }
 
+bool same_file(const std::string &a, const std::string &b)
+{
+    namespace fs = std::filesystem;
+    std::error_code no;
+    if (a.empty() || b.empty())
+        return false;
+    return fs::equivalent(a, b, no) || fs::weakly_canonical(a, no) == fs::weakly_canonical(b, no);
+}
+
 void make_directory(const std::string &path)
 {
     std::error_code error;
@@ -116,9 +125,9 @@ int main(int argc, char **argv)
         app.parse(argc, argv);
     } catch (const CLI::ParseError &e) {
         return app.exit(e) == 0 ? Ok : Usage;
-    } catch (const hdt::InputError &e) {
+    } catch (const UsageError &e) {
         std::fprintf(stderr, "hdt: %s\n", e.what());
-        return BadInput;
+        return Usage;
     } catch (const std::exception &e) {
         std::fprintf(stderr, "hdt: %s\n", e.what());
         return BadInput;
