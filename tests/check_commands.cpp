@@ -172,6 +172,52 @@ START_TEST(test_logs_keep_their_names_and_their_sources)
 }
 END_TEST
 
+START_TEST(test_a_fit_ends_at_once_when_it_is_told_to)
+{
+    std::string logs;
+    for (int k = 1; k <= 5; k++) {
+        const std::string n = std::to_string(k);
+        must("$H sim --arm $A --mode velocity --seed " + n + " --task excite:seed=" + n +
+             ",seconds=40 --out r" + n + ".csv");
+        logs += k == 5 ? " --test r5.csv" : " r" + n + ".csv";
+    }
+    for (const char *command : {"$H ident --arm $A", "$H diagnose --model $A"})
+        for (const auto &[signal, code] : {std::pair{"INT", 130}, {"TERM", 143}}) {
+            Result r = refused(code, std::string("timeout --preserve-status -s ") + signal + " 0.4 " + command +
+                               " --out d --fit" + logs, "hdt: interrupted", "d");
+            ck_assert_str_eq(r.err.c_str(), "hdt: interrupted\n");
+        }
+}
+END_TEST
+
+START_TEST(test_a_run_that_was_cut_says_so)
+{
+    for (const char *signal : {"INT", "TERM"}) {
+        Result r = sh(std::string("timeout --preserve-status -s ") + signal + " 1 $H sim --arm $A --task "
+                      "excite:seed=1,seconds=200 --out cut.csv");
+        ck_assert_int_eq(r.code, 1);
+        ck_assert_msg(holds(r.err, "hdt sim: done: brakes on; asked for: the run ends at sample "), "%s",
+                      r.err.c_str());
+        must("$H log check cut.csv");
+    }
+}
+END_TEST
+
+// A host that stands still for a while misses periods.
+START_TEST(test_a_host_that_was_late_says_so_and_is_not_ok)
+{
+    Result r = {};
+    for (int attempt = 0; attempt < 5 && !holds(r.err, "overrun policy"); attempt++)
+        r = sh("$H servo --arm $A --bus unix:$PWD/bus --task lemniscate 2>/dev/null & s=$!; "
+               "for i in $(seq 100); do [ -S bus ] && break; sleep 0.1; done; "
+               "$H host --model $A --bus unix:$PWD/bus --overrun stop --overrun-limit 1 --out x.csv & h=$!; "
+               "sleep 1; kill -STOP $h; sleep 0.02; kill -CONT $h; wait $h; c=$?; kill $s; wait $s; "
+               "rm -f bus; exit $c");
+    ck_assert_msg(r.code == 1 && holds(r.err, "too many periods were missed (overrun policy): the run ends at"),
+                  "%d: %s", r.code, r.err.c_str());
+}
+END_TEST
+
 static Suite *commands_suite(void)
 {
     Suite *s = suite_create("commands");
@@ -184,6 +230,9 @@ static Suite *commands_suite(void)
     tcase_add_test(t, test_event_log_converts_to_the_csv_of_its_run);
     tcase_add_test(t, test_dump_of_a_fault_converts);
     tcase_add_test(t, test_logs_keep_their_names_and_their_sources);
+    tcase_add_test(t, test_a_fit_ends_at_once_when_it_is_told_to);
+    tcase_add_test(t, test_a_run_that_was_cut_says_so);
+    tcase_add_test(t, test_a_host_that_was_late_says_so_and_is_not_ok);
     suite_add_tcase(s, t);
     return s;
 }

@@ -37,9 +37,10 @@ void add_velocity(CLI::App &app, int &code);
 void add_export(CLI::App &app, int &code);
 void add_top(CLI::App &app, int &code);
 
-// True once SIGINT or SIGTERM has come; loops end in good order then.
+// SIGINT and SIGTERM end the program at once, exit code 128 and the signal's number, unless the subcommand
+// has said that it asks for them: then its loops end in good order once stopped() is true.
+void end_in_good_order();
 bool stopped();
-void catch_signals();
 
 // One line that rewrites itself on a terminal; silent in a pipe.
 class Progress {

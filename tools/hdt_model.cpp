@@ -76,8 +76,11 @@ int run_ident(const FitOptions &o)
     IdentOptions options;
     options.joints = parse_joints(o.joints);
     IdentResult result = identify(arm, fit, test, options);
-    make_directory(o.out);
-    write_ident(result, o.out);
+    {
+        const Uninterrupted together;
+        make_directory(o.out);
+        write_ident(result, o.out);
+    }
     std::printf("joint   fit rms before  after    held out before  after   N.m\n");
     for (const JointFit &j : result.joints)
         std::printf("%5d %15.3f %6.3f %18.3f %6.3f\n", j.joint, j.rms_before_nm, j.rms_after_nm,
@@ -96,8 +99,11 @@ int run_diagnose(const FitOptions &o)
     options.joints = parse_joints(o.joints);
     options.few_runs = o.few_runs;
     Diagnosis d = diagnose(arm, std::move(fit), std::move(test), options);
-    make_directory(o.out);
-    write_diagnosis(d, o.out);
+    {
+        const Uninterrupted together;
+        make_directory(o.out);
+        write_diagnosis(d, o.out);
+    }
     std::printf("joint  verdict   floor  before   after N.m   in words\n");
     for (const JointDiagnosis &j : d.joints)
         std::printf("%5d  %-8s %6.3f %7.3f %7.3f       %s\n", j.joint, j.verdict.c_str(), j.noise_floor_nm,
