@@ -218,6 +218,26 @@ START_TEST(test_a_host_that_was_late_says_so_and_is_not_ok)
 }
 END_TEST
 
+START_TEST(test_log_check_says_what_ident_would)
+{
+    must(run(1, "a.csv", ""));
+    hdt::Run bad = hdt::read_run(dir + "/a.csv");
+    bad.joint.push_back(bad.joint[6]);
+    hdt::write_run(dir + "/eight.csv", bad);
+    Result r = sh("$H log check --arm $A eight.csv");
+    ck_assert_int_eq(r.code, 1);
+    const std::string words = "eight.csv: expected at most 7 joints as the arm has, found joint 8";
+    ck_assert_msg(holds(r.out, words), "%s", r.out.c_str());
+    refused(3, "$H ident --arm $A --fit eight.csv --out d", words, "d");
+    // another arm's name: said, and taken
+    must("sed 's/^# arm = .*/# arm = ur5/' a.csv >named.csv");
+    r = must("$H log check --arm $A named.csv");
+    ck_assert_msg(holds(r.out, "named.csv: log is of the arm 'ur5', the model of 'pa10'"), "%s", r.out.c_str());
+    r = must("$H log check --arm $A a.csv");
+    ck_assert_msg(!holds(r.out, "is of the arm"), "%s", r.out.c_str());
+}
+END_TEST
+
 static Suite *commands_suite(void)
 {
     Suite *s = suite_create("commands");
@@ -233,6 +253,7 @@ static Suite *commands_suite(void)
     tcase_add_test(t, test_a_fit_ends_at_once_when_it_is_told_to);
     tcase_add_test(t, test_a_run_that_was_cut_says_so);
     tcase_add_test(t, test_a_host_that_was_late_says_so_and_is_not_ok);
+    tcase_add_test(t, test_log_check_says_what_ident_would);
     suite_add_tcase(s, t);
     return s;
 }

@@ -8,6 +8,7 @@
 #include <memory>
 
 #include "driver/drv_log.h"
+#include "model/dataset.hpp"
 #include "model/log.hpp"
 #include "model/log_check.hpp"
 #include "tools/hdt_cli.hpp"
@@ -34,6 +35,17 @@ void say(const Run &run)
     std::printf("\n");
 }
 
+// What ident would say of this run before it fits; empty: nothing.
+std::string unfit(const hdt_arm &arm, const Run &run)
+{
+    try {
+        condition(run, arm, {});
+    } catch (const InputError &e) {
+        return e.what();
+    }
+    return "";
+}
+
 // What is in each log and, against an arm, whether its columns can be what they are called.
 int check_files(const LogOptions &o)
 {
@@ -50,6 +62,11 @@ int check_files(const LogOptions &o)
         std::printf("%s\n", f.words.c_str());
         code = f.refuse ? No : code;
     }
+    for (const Run &run : runs)
+        if (const std::string words = unfit(arm.arm(), run); !words.empty()) {
+            std::printf("%s\n", words.c_str());
+            code = No;
+        }
     return code;
 }
 
