@@ -11,8 +11,23 @@
 
 namespace hdt {
 
+Uninterrupted::Uninterrupted()
+{
+    sigset_t stop;
+    sigemptyset(&stop);
+    sigaddset(&stop, SIGINT);
+    sigaddset(&stop, SIGTERM);
+    pthread_sigmask(SIG_BLOCK, &stop, &before_);
+}
+
+Uninterrupted::~Uninterrupted()
+{
+    pthread_sigmask(SIG_SETMASK, &before_, nullptr);
+}
+
 void write_file(const std::string &path, const std::string &bytes)
 {
+    const Uninterrupted whole;
     std::string part = path + ".part." + std::to_string(getpid());
     std::FILE *file = std::fopen(part.c_str(), "wb");
     bool good = file != nullptr;

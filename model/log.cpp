@@ -103,22 +103,60 @@ bool is_file_constant(const std::string &place, const std::string &key, std::str
     return true;
 }
 
-// Numbers among the constants that every reader uses: a bad one is found at its own line.
+// The constants that every reader uses: a bad one is found at its own line.  ratio stands for ratio1, ...
+struct KnownConstant { const char *quantity, *unit; std::size_t count; double least, most; const char *range; };
+constexpr KnownConstant known_constants[] = {
+    {"payload", "_kg", 1, 0, 1000, "0 to 1000"},
+    {"payload_com", "_m", 3, -10, 10, "-10 to 10"},
+    {"ratio", "", 1, 1e-6, 1e6, "above 0 to 1000000"},
+};
+
+bool is_known(const KnownConstant &known, const std::string &key)
+{
+    const std::string_view ratio = "ratio";
+    if (known.quantity != ratio)
+        return key == std::string(known.quantity) + known.unit;
+    return key.size() > ratio.size() && key.compare(0, ratio.size(), ratio) == 0 &&
+           std::all_of(key.begin() + static_cast<std::ptrdiff_t>(ratio.size()), key.end(), is_digit);
+}
+
+// A known quantity under a name that leaves its unit out or has another: nobody would read it.
+void check_unit(const std::string &place, const std::string &key)
+{
+    static const std::set<std::string> units = {"",   "_g",  "_kg", "_mg", "_lb", "_lbs", "_oz", "_t", "_n",
+                                                "_m", "_mm", "_cm", "_dm", "_um", "_in",  "_ft"};
+    for (const KnownConstant &known : known_constants) {
+        const std::string quantity = known.quantity, unit = known.unit;
+        if (unit.empty() || key.compare(0, quantity.size(), quantity) != 0)
+            continue;
+        const std::string found = key.substr(quantity.size());
+        if (found != unit && units.count(found))
+            throw InputError(place + ": constant " + shown(key) + ": expected " + shown(quantity + unit) +
+                             ", found " + (found.empty() ? "no unit" : "unit " + shown(found.substr(1))) +
+                             "; convert the value and rename the constant");
+    }
+}
+
 void check_known_constant(const std::string &place, const Run &run, const std::string &key)
 {
-    const std::size_t want = key == "payload_kg" ? 1 : key == "payload_com_m" ? 3 : 0;
-    if (want == 0)
-        return;
-    std::size_t found = 0;
-    try {
-        found = run.constant_vector(key).size();
-    } catch (const InputError &) {
-        // said below, with its line
+    check_unit(place, key);
+    for (const KnownConstant &known : known_constants) {
+        if (!is_known(known, key))
+            continue;
+        std::vector<double> found;
+        try {
+            found = run.constant_vector(key);
+        } catch (const InputError &) {
+            // said below, with its line
+        }
+        const bool inside = std::all_of(found.begin(), found.end(),
+                                        [&](double x) { return x >= known.least && x <= known.most; });
+        if (found.size() != known.count || !inside)
+            throw InputError(place + ": constant '" + key + "': expected " + std::to_string(known.count) +
+                             (known.count == 1 ? " number" : " numbers") +
+                             (inside ? "" : std::string(", ") + known.range) + ", found " +
+                             shown(run.constants.at(key)));
     }
-    if (found != want)
-        throw InputError(place + ": constant '" + key + "': expected " + std::to_string(want) +
-                         (want == 1 ? " number" : " numbers") + ", found " +
-                         shown(run.constants.at(key)));
 }
 
 // "# key = value"; anything else after # is a remark.
@@ -399,6 +437,20 @@ void write_run(const std::string &path, const Run &run)
     const auto columns = named_series(run);
     check_run(path, columns, run);
     write_file(path, as_text(columns, run));
+}
+
+bool same_measurement(const Run &a, const Run &b)
+{
+    bool any = false;
+    for (std::size_t j = 0; j < std::min(a.joint.size(), b.joint.size()); ++j) {
+        const Joint &x = a.joint[j], &y = b.joint[j];
+        if (!x.present || !y.present)
+            continue;
+        if (x.q_rad != y.q_rad || x.tau_nm != y.tau_nm)
+            return false;
+        any = true;
+    }
+    return any;
 }
 
 Run cut_run(const Run &run, double t0_s, double t1_s)

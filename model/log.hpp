@@ -46,6 +46,10 @@ std::vector<double> &run_column(Run &run, const std::string &name);
 // After the last column: sets present, throws InputError where the run breaks the contract.
 void finish_run(Run &run);
 
+// Both hold the same measurement: equal positions and torques, row by row, of every joint that both
+// have, whatever the files are called.
+bool same_measurement(const Run &a, const Run &b);
+
 // Rows with t0 <= t < t1, as a run of its own.
 Run cut_run(const Run &run, double t0_s, double t1_s);
 

@@ -13,6 +13,7 @@
 #include <cstdio>
 
 #include "model/log_check_run.hpp"
+#include "model/text.hpp"
 
 namespace hdt {
 
@@ -91,8 +92,21 @@ void RunCheck::ratio(std::size_t j)
             "the model it was written with, or correct gear.ratio");
 }
 
+// A log of another arm may fit by its count of joints; tables keep 31 characters of the model's name.
+void RunCheck::name()
+{
+    const auto logged = run_.constants.find("arm");
+    if (logged == run_.constants.end() || arm_.name[0] == '\0')
+        return;
+    const std::string model = std::string(arm_.name).substr(0, 31);
+    if (logged->second != model)
+        say(joints(), "arm_name", 0, 0, "log is of the arm " + shown(logged->second) + ", the model of " +
+            shown(model) + ": is this the right model file?", false);
+}
+
 void RunCheck::all()
 {
+    name();
     for (std::size_t j = 0; j < joints(); j++)
         ratio(j);
     if (rows_.rows < rows_min || time_units())

@@ -22,7 +22,7 @@ struct LogFinding {
     int joint;                      // 1-based; 0: the whole run
     // angle_units angle_sign angle_range velocity_units velocity_sign velocity_other reference_units
     // reference_sign time_units columns_swapped joints_exchanged torque_side torque_units torque_scale
-    // torque_sign load_sign gear_ratio
+    // torque_sign load_sign gear_ratio arm_name
     std::string kind;
     bool refuse;
     double found, expected;         // the number the words give

@@ -55,6 +55,7 @@ private:
     void say(std::size_t j, const char *kind, double found, double expected, const std::string &what,
              bool refuse = true);
 
+    void name();
     void ratio(std::size_t j);
 
     // log_check_motion.cpp: columns against each other and against what the arm can do

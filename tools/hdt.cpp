@@ -12,11 +12,27 @@
 namespace hdt::cli {
 
 namespace {
-volatile std::sig_atomic_t stop_requested = 0;
+volatile std::sig_atomic_t stop_requested = 0, in_good_order = 0, on_terminal = 0;
 
-void on_signal(int)
+// Who has nothing to give before the end ends at once; _exit as threads may be at work.
+void on_signal(int signal)
 {
+    static const char words[] = "\r\033[Khdt: interrupted\n"; // over a line of progress
+    const std::size_t begin = on_terminal ? 0 : 4;
     stop_requested = 1;
+    if (in_good_order)
+        return;
+    (void)!write(STDERR_FILENO, words + begin, sizeof words - 1 - begin);
+    _exit(128 + signal);
+}
+
+void catch_signals()
+{
+    struct sigaction action = {};
+    action.sa_handler = on_signal;
+    on_terminal = isatty(STDERR_FILENO);
+    sigaction(SIGINT, &action, nullptr);
+    sigaction(SIGTERM, &action, nullptr);
 }
 } // namespace
 
@@ -25,12 +41,9 @@ bool stopped()
     return stop_requested != 0;
 }
 
-void catch_signals()
+void end_in_good_order()
 {
-    struct sigaction action = {};
-    action.sa_handler = on_signal;
-    sigaction(SIGINT, &action, nullptr);
-    sigaction(SIGTERM, &action, nullptr);
+    in_good_order = 1;
 }
 
 Progress::Progress(std::string what) : what_(std::move(what)), tty_(isatty(STDERR_FILENO) != 0) {}
@@ -75,6 +88,15 @@ std::vector<int> parse_joints(const std::string &text)
     return joints;
 }
 
+bool same_file(const std::string &a, const std::string &b)
+{
+    namespace fs = std::filesystem;
+    std::error_code no;
+    if (a.empty() || b.empty())
+        return false;
+    return fs::equivalent(a, b, no) || fs::weakly_canonical(a, no) == fs::weakly_canonical(b, no);
+}
+
 void make_directory(const std::string &path)
 {
     std::error_code error;
@@ -116,9 +138,9 @@ int main(int argc, char **argv)
         app.parse(argc, argv);
     } catch (const CLI::ParseError &e) {
         return app.exit(e) == 0 ? Ok : Usage;
-    } catch (const hdt::InputError &e) {
+    } catch (const UsageError &e) {
         std::fprintf(stderr, "hdt: %s\n", e.what());
-        return BadInput;
+        return Usage;
     } catch (const std::exception &e) {
         std::fprintf(stderr, "hdt: %s\n", e.what());
         return BadInput;

@@ -290,6 +290,7 @@ BusOptions with_rates(BusOptions o)
 
 int run(const BusOptions &given)
 {
+    end_in_good_order();
     BusOptions o = with_rates(given);
     if (o.format != "A" && o.format != "B")
         throw InputError("--format: expected A or B, found " + o.format);

@@ -14,6 +14,11 @@
 
 namespace hdt::cli {
 
+// The command line itself is wrong: exit code 2, where InputError is 3.
+struct UsageError : InputError {
+    using InputError::InputError;
+};
+
 enum Exit { Ok = 0, No = 1, Usage = 2, BadInput = 3 };
 
 // Each adds its subcommand; the chosen one leaves its exit code in `code`.
@@ -32,9 +37,10 @@ void add_velocity(CLI::App &app, int &code);
 void add_export(CLI::App &app, int &code);
 void add_top(CLI::App &app, int &code);
 
-// True once SIGINT or SIGTERM has come; loops end in good order then.
+// SIGINT and SIGTERM end the program at once, exit code 128 and the signal's number, unless the subcommand
+// has said that it asks for them: then its loops end in good order once stopped() is true.
+void end_in_good_order();
 bool stopped();
-void catch_signals();
 
 // One line that rewrites itself on a terminal; silent in a pipe.
 class Progress {
@@ -51,6 +57,9 @@ private:
 
 // Expands "2,4" to joint numbers; throws InputError.
 std::vector<int> parse_joints(const std::string &text);
+
+// True when the two names are of one file, there or not yet; "" is none.
+bool same_file(const std::string &a, const std::string &b);
 
 // Makes the directory and its parents; throws InputError when it cannot.
 void make_directory(const std::string &path);

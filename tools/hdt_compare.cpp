@@ -13,6 +13,7 @@
 #include "model/log.hpp"
 #include "model/rbd.hpp"
 #include "model/report.hpp"
+#include "model/text.hpp"
 #include "tools/hdt_cli.hpp"
 #include "tools/hdt_effects.hpp"
 #include "tools/hdt_rig.hpp"
@@ -61,6 +62,39 @@ void joint_angles(const Run &run, std::size_t row, VectorXd &q, VectorXd &q_ref)
         q[at] = joint.present ? joint.q_rad[row] : 0;
         q_ref[at] = joint.qref_rad.empty() ? q[at] : joint.qref_rad[row];
     }
+}
+
+// A constant as it stands in the log's head, or that there is none.
+std::string stated(const Run &run, const std::string &key)
+{
+    auto found = run.constants.find(key);
+    return found == run.constants.end() ? "nothing" : "\"" + found->second + "\"";
+}
+
+bool has_feedback_terms(const Run &run)
+{
+    for (std::size_t j = 1; j <= run.joint.size(); j++)
+        for (int term : {HDT_TERM_P, HDT_TERM_D})
+            if (column(run, std::string(hdt_term_str(term)) + std::to_string(j) + "_nm") != nullptr)
+                return true;
+    return false;
+}
+
+// What differs between unlike runs is no improvement.
+void check_comparable(const Run &before, const Run &after)
+{
+    if (same_measurement(before, after))
+        throw InputError(after.path + ": the same measurement as " + before.path +
+                         ": expected one run before and another after");
+    for (const char *key : {"arm", "task", "mode", "payload_kg", "payload_com_m"})
+        if (stated(before, key) != stated(after, key))
+            throw InputError(after.path + ": " + key + ": expected " + stated(before, key) + " as in " +
+                             before.path + ", found " + stated(after, key) +
+                             "; only runs of one task with one arm compare");
+    for (const Run *run : {&before, &after})
+        if (!has_feedback_terms(*run))
+            throw InputError(run->path + ": expected the feedback's torques (p1_nm, d1_nm, ...), found none: "
+                                         "log the run with --terms");
 }
 
 // The rows from the first to the last with a moving reference: standing by before and after is no task.
@@ -116,24 +150,15 @@ Figures figures_of(const hdt_arm &arm, const Run &run)
     return f;
 }
 
-nlohmann::json read_json(const std::string &path)
-{
-    std::ifstream file(path);
-    if (!file)
-        throw InputError(path + ": cannot be read");
-    try {
-        return nlohmann::json::parse(file);
-    } catch (const nlohmann::json::exception &e) {
-        throw InputError(path + ": expected JSON, " + e.what());
-    }
-}
-
 struct Named {
     int joint;
     std::string verdict, effect, ambiguous;
     double floor_nm, before_nm, after_nm;
 };
 
+struct Diagnosed { nlohmann::json json; std::vector<Named> joints; };
+
+// What a reader of diagnosis.json may count on; throws what nlohmann::json throws where it is not there.
 std::vector<Named> named_effects(const nlohmann::json &diagnosis)
 {
     std::vector<Named> rows;
@@ -150,6 +175,38 @@ std::vector<Named> named_effects(const nlohmann::json &diagnosis)
         rows.push_back(n);
     }
     return rows;
+}
+
+// format, version and shape of diagnosis.json, before anything is made of it.
+Diagnosed read_diagnosis(const std::string &path)
+{
+    Diagnosed d;
+    try {
+        d.json = nlohmann::json::parse(read_text(path));
+    } catch (const nlohmann::json::exception &) {
+        throw InputError(path + ": expected JSON, as hdt diagnose writes it");
+    }
+    const auto member = [&](const char *key) {
+        return d.json.is_object() && d.json.contains(key) ? d.json[key].dump() : std::string("nothing");
+    };
+    if (member("format") != "\"hdt-diagnosis\"")
+        throw InputError(path + ": format: expected \"hdt-diagnosis\", found " + member("format"));
+    if (member("version") != "1")
+        throw InputError(path + ": version: this program reads 1, found " + member("version") +
+                         "; use the program that wrote it");
+    try {
+        d.joints = named_effects(d.json);
+    } catch (const nlohmann::json::exception &e) {
+        const std::string what = e.what(); // "[json.exception.type_error.302] type must be ..."
+        throw InputError(path + ": not of the shape docs/formats.md has: " +
+                         what.substr(std::min(what.size(), what.find(']') + 2)));
+    }
+    for (const Named &n : d.joints)
+        if (n.verdict != "named" && n.verdict != "unnamed" && n.verdict != "suspect" && n.verdict != "nothing")
+            throw InputError(path + ": joint " + std::to_string(n.joint) +
+                             ": verdict: expected named, unnamed, suspect or nothing, found " +
+                             shown(n.verdict));
+    return d;
 }
 
 std::string first_line(const std::string &path)
@@ -257,11 +314,11 @@ std::vector<std::vector<std::string>> figure_rows(const Figures &a, const Figure
     return rows;
 }
 
-std::vector<std::vector<std::string>> residual_rows(const nlohmann::json &diagnosis)
+std::vector<std::vector<std::string>> residual_rows(const std::vector<Named> &joints)
 {
     std::vector<std::vector<std::string>> rows = {
         {"joint", "verdict", "effect", "or", "noise floor, N m", "residual before", "after (held out)"}};
-    for (const Named &n : named_effects(diagnosis))
+    for (const Named &n : joints)
         rows.push_back({std::to_string(n.joint), n.verdict, n.effect, n.ambiguous, num(n.floor_nm),
                         num(n.before_nm), num(n.after_nm)});
     return rows;
@@ -285,18 +342,21 @@ void print_rows(const std::vector<std::vector<std::string>> &rows)
 int run(const CompareOptions &o)
 {
     hdt_arm arm = rig::load_arm(o.model);
-    Run before = moving_part(read_run(o.before)), after = moving_part(read_run(o.after));
+    Run before = read_run(o.before), after = read_run(o.after);
+    check_comparable(before, after);
+    before = moving_part(before);
+    after = moving_part(after);
     Figures a = figures_of(arm, before), b = figures_of(arm, after);
     Report report("Closed loop before and after");
     auto rows = figure_rows(a, b);
     std::string verdict = "Feedback torque share " + num(100 * a.feedback_share) + " % before, " +
                           num(100 * b.feedback_share) + " % after; mean flange error " +
                           num(a.error_mean_mm) + " mm before, " + num(b.error_mean_mm) + " mm after.";
-    nlohmann::json diagnosis;
+    Diagnosed diagnosis;
     if (!o.diagnosis.empty())
-        diagnosis = read_json(o.diagnosis);
+        diagnosis = read_diagnosis(o.diagnosis);
     if (!o.hidden.empty()) {
-        std::string hidden = first_line(o.hidden), found = judge(diagnosis, rig::parse_effect(hidden));
+        std::string hidden = first_line(o.hidden), found = judge(diagnosis.json, rig::parse_effect(hidden));
         verdict = "Hidden in the arm: " + hidden + ". The diagnosis: " + found + ". " + verdict;
     }
     bool better = b.feedback_share <= a.feedback_share;
@@ -304,8 +364,8 @@ int run(const CompareOptions &o)
     print_rows(rows);
     report.verdict(verdict, better);
     report.table(rows, "The same task with the model before and after.");
-    if (!diagnosis.is_null()) {
-        auto residuals = residual_rows(diagnosis);
+    if (!o.diagnosis.empty()) {
+        auto residuals = residual_rows(diagnosis.joints);
         std::printf("\n");
         print_rows(residuals);
         report.table(residuals, "Torque residual on held-out runs, N m output side.");

@@ -233,6 +233,7 @@ drv_run run_of(const hdt_tables &tables, const hdt_arm &model)
 
 int run(const HostOptions &o)
 {
+    end_in_good_order();
     hdt_arm model = rig::load_arm(o.model);
     Reference reference = make_task(model, o.task, model.control_rate_hz);
     rig::FixedReference fixed(reference);

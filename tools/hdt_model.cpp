@@ -34,6 +34,20 @@ std::vector<Run> read_runs(const std::vector<std::string> &paths)
     return runs;
 }
 
+// A run given twice would weigh double, count as a run more, or be held out from itself.
+void check_different(const std::vector<Run> &fit, const std::vector<Run> &test)
+{
+    std::vector<const Run *> all;
+    for (const std::vector<Run> *runs : {&fit, &test})
+        for (const Run &run : *runs) {
+            for (const Run *other : all)
+                if (same_measurement(*other, run))
+                    throw InputError(run.path + ": the same measurement as " + other->path +
+                                     ": expected every run once, among --fit and --test together");
+            all.push_back(&run);
+        }
+}
+
 constexpr const char *accept_log_help = "fit even logs whose units, signs, sides or columns look wrong";
 
 // Before anything is fitted: a log that cannot mean what it says is refused with all that was found.
@@ -57,12 +71,16 @@ int run_ident(const FitOptions &o)
 {
     ArmFile arm = ArmFile::load(o.model);
     std::vector<Run> fit = read_runs(o.fit), test = read_runs(o.test);
+    check_different(fit, test);
     check_columns(arm, fit, test, o);
     IdentOptions options;
     options.joints = parse_joints(o.joints);
     IdentResult result = identify(arm, fit, test, options);
-    make_directory(o.out);
-    write_ident(result, o.out);
+    {
+        const Uninterrupted together;
+        make_directory(o.out);
+        write_ident(result, o.out);
+    }
     std::printf("joint   fit rms before  after    held out before  after   N.m\n");
     for (const JointFit &j : result.joints)
         std::printf("%5d %15.3f %6.3f %18.3f %6.3f\n", j.joint, j.rms_before_nm, j.rms_after_nm,
@@ -77,13 +95,17 @@ int run_diagnose(const FitOptions &o)
 {
     ArmFile arm = ArmFile::load(o.model);
     std::vector<Run> fit = read_runs(o.fit), test = read_runs(o.test);
+    check_different(fit, test);
     check_columns(arm, fit, test, o);
     DiagnoseOptions options;
     options.joints = parse_joints(o.joints);
     options.few_runs = o.few_runs;
     Diagnosis d = diagnose(arm, std::move(fit), std::move(test), options);
-    make_directory(o.out);
-    write_diagnosis(d, o.out);
+    {
+        const Uninterrupted together;
+        make_directory(o.out);
+        write_diagnosis(d, o.out);
+    }
     std::printf("joint  verdict   floor  before   after N.m   in words\n");
     for (const JointDiagnosis &j : d.joints)
         std::printf("%5d  %-8s %6.3f %7.3f %7.3f       %s\n", j.joint, j.verdict.c_str(), j.noise_floor_nm,

@@ -22,6 +22,7 @@ struct PaperOptions {
 
 int run(const PaperOptions &o)
 {
+    end_in_good_order();
     std::atomic<bool> stop{false};
     paper::Plan plan;
     plan.parts = paper::parse_parts(o.only);

@@ -236,10 +236,16 @@ int explain_end(const char *who, const drv_host &host)
     drv_host_status status;
     char line[1024];
     drv_host_report(&host, &status);
-    if (host.phase == DRV_HOST_DONE && status.end_confirmed)
+    const bool ended = host.phase == DRV_HOST_DONE && status.end_confirmed;
+    if (ended && status.sample >= status.samples)
         return 0;
     drv_host_say(&status, host.cycle.core.tables, line, sizeof line);
-    std::fprintf(stderr, "%s: %s\n", who, line);
+    std::fprintf(stderr, "%s: %s", who, line);
+    if (ended)
+        std::fprintf(stderr, ": the run ends at sample %u of %u", status.sample, status.samples);
+    std::fprintf(stderr, "\n");
+    if (ended && status.asked == DRV_HOST_ASK_STOP)
+        return 0;
     return host.phase == DRV_HOST_SILENT ? 3 : 1;
 }
 

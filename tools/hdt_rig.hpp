@@ -64,7 +64,8 @@ private:
 // stderr what it does not get.
 void go_real_time(const char *who, int priority);
 
-// Say on stderr why a run ended early, if it did; returns the exit code.
+// Say on stderr why a run ended early, if it did; returns the exit code: 0 also where the end was asked
+// for (Ctrl-C, an operator's stop).
 int explain_end(const char *who, const drv_host &host);
 
 } // namespace hdt::rig

@@ -76,6 +76,7 @@ servo_cfg options_of(const ServoOptions &o, const hdt_arm &arm)
 
 int run(const ServoOptions &o)
 {
+    end_in_good_order();
     hdt_arm arm = rig::load_arm(o.arm);
     plant_model plant = rig::plant_from_arm(arm, o.individual);
     rig::hide_all(plant, arm, o.effects, o.effect_file);

@@ -64,6 +64,7 @@ void integrate_by(const std::string &name, plant_model *plant)
 
 int run(const SimOptions &o)
 {
+    end_in_good_order();
     hdt_arm arm = rig::load_arm(o.arm);
     hdt_arm model = o.model.empty() ? arm : rig::load_arm(o.model);
     if (model.joints != arm.joints)
@@ -102,7 +103,8 @@ int run(const SimOptions &o)
     if (drv_writer_close(writer, written) != 0 || !written)
         throw InputError(o.out + ": the log could not be written (disk full?)");
     dump.write(tables, model, log_head(o));
-    return rig::explain_end("hdt sim", world.host());
+    const int code = rig::explain_end("hdt sim", world.host());
+    return code == Ok && world.host().sample < fixed.view().samples ? No : code; // cut: not what was asked for
 }
 
 } // namespace

@@ -230,6 +230,7 @@ void watch(lcm_t *lcm, View &v, bool terminal, double seconds)
 
 int run(const TopOptions &o)
 {
+    end_in_good_order();
     std::unique_ptr<lcm_t, void (*)(lcm_t *)> lcm(open_lcm(o.url), lcm_destroy);
     auto v = std::make_unique<View>();
     lcm_subscribe(lcm.get(), "HDT_STATUS", on_status, v.get());

@@ -120,8 +120,6 @@ int run(const VelocityOptions &o)
             setup.host.observe_feedback = way & 1;
             setup.host.observe_friction = way >> 1;
             const paper::LoopRun run = paper::torque_run(rig, setup, motion.ref, o.seed);
-            if (stopped())
-                return No;
             const Worth w = worth_of(run, motion.ref);
             std::printf("| %s | %s | %s | %.3f | %.3f | %.3f | %.3f |%s%s\n", motion.name,
                         way & 1 ? "observed" : "filtered", way >> 1 ? "observed" : "desired",

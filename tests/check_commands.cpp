@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: Apache-2.0
+//
+// What the commands do not take, what they say then, and how they end.
+// Goal: a wrong command line is 2, a bad file 3, each in words that name it; nothing is compared, fitted or
+// simulated that was not asked for; an end before the end is said.
+// Method: build/hdt in a directory of its own, virtual time, short logs.
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "model/log.hpp"
+#include "tests/check_main.h"
+#include "tests/shell.hpp"
+
+namespace {
+
+std::string dir;
+
+void set_up() { dir = scratch_dir(); }
+
+void tear_down() { std::filesystem::remove_all(dir); }
+
+Result must(const std::string &line)
+{
+    Result r = sh(line);
+    ck_assert_msg(r.code == 0, "%s: exit code %d: %s", line.c_str(), r.code, r.err.c_str());
+    return r;
+}
+
+bool holds(const std::string &text, const std::string &words) { return text.find(words) != std::string::npos; }
+
+// Ends with this code; stderr holds the words; nothing on stdout, no `product` and no part of one left.
+Result refused(int code, const std::string &line, const std::string &words, const std::string &product = "x.csv")
+{
+    std::filesystem::remove(dir + "/" + product);
+    Result r = sh(line);
+    ck_assert_msg(r.code == code, "%s: exit code %d, expected %d: %s", line.c_str(), r.code, code, r.err.c_str());
+    ck_assert_msg(holds(r.err, words), "%s: expected \"%s\" in: %s", line.c_str(), words.c_str(), r.err.c_str());
+    ck_assert_msg(r.out.empty(), "%s: said %s", line.c_str(), r.out.c_str());
+    ck_assert_msg(!std::filesystem::exists(dir + "/" + product), "%s left %s", line.c_str(), product.c_str());
+    ck_assert_msg(sh("! ls | grep '[.]part'").code == 0, "%s left a part of a file", line.c_str());
+    return r;
+}
+
+void spill(const std::string &name, const std::string &bytes)
+{
+    std::ofstream(dir + "/" + name, std::ios::binary) << bytes;
+}
+
+// A short run with noise and, unless it is given, motion of this seed.
+std::string run(int seed, const std::string &name, const std::string &options, int motion = 0)
+{
+    return "$H sim --arm $A --seed " + std::to_string(seed) + " --task excite:seed=" +
+           std::to_string(motion != 0 ? motion : seed) + ",seconds=5 --out " + name + " " + options;
+}
+
+} // namespace
+
+START_TEST(test_compare_takes_only_like_runs)
+{
+    must(run(1, "a.csv", "--terms"));
+    must(run(2, "b.csv", "--terms", 1));
+    must(run(2, "bare.csv", "", 1));
+    must(run(2, "other.csv", "--terms"));
+    must(run(2, "velocity.csv", "--terms --mode velocity", 1));
+    must(run(2, "load.csv", "--terms --payload 1", 1));
+    const std::string line = "$H compare --model $A --out x.html --before a.csv --after ";
+    must("sed 's/^# arm = .*/# arm = other/' b.csv >arm.csv; cp a.csv copy.csv; ln -s a.csv link.csv");
+    refused(3, line + "a.csv", "a.csv: the same measurement as a.csv", "x.html");
+    refused(3, line + "./copy.csv", "./copy.csv: the same measurement as a.csv", "x.html");
+    refused(3, line + "link.csv", "the same measurement", "x.html");
+    refused(3, line + "other.csv", "other.csv: task: expected \"excite:seed=1,seconds=5\" as in a.csv, found "
+            "\"excite:seed=2,seconds=5\"", "x.html");
+    refused(3, line + "velocity.csv", "velocity.csv: mode: expected \"torque\"", "x.html");
+    refused(3, line + "arm.csv", "arm.csv: arm: expected \"pa10\" as in a.csv, found \"other\"", "x.html");
+    refused(3, line + "load.csv", "load.csv: payload_kg: expected nothing as in a.csv, found", "x.html");
+    refused(3, line + "bare.csv", "bare.csv: expected the feedback's torques", "x.html");
+    Result r = sh(line + "b.csv");
+    ck_assert_msg(r.code <= 1 && holds(r.out, "feedback torque share"), "%s%s", r.out.c_str(), r.err.c_str());
+}
+END_TEST
+
+START_TEST(test_compare_reads_only_a_diagnosis_of_its_version)
+{
+    must(run(1, "a.csv", "--terms") + "; " + run(2, "b.csv", "--terms", 1));
+    const std::string line = "$H compare --model $A --out x.html --before a.csv --after b.csv --diagnosis d.json";
+    const std::string joint = R"({"joint":1,"verdict":"nothing","noise_floor_nm":1,"rms_before_nm":1,)"
+                              R"("rms_after_nm":1,"effects":[],"ambiguous_with":[],"next_experiment":""})";
+    const std::string head = R"({"format":"hdt-diagnosis","version":)";
+    const char *const bad[][2] = {
+        {R"({"format":"hdt-ident","version":1,"joints":[]})", "d.json: format: expected \"hdt-diagnosis\", found "
+                                                              "\"hdt-ident\""},
+        {"[]", "d.json: format: expected \"hdt-diagnosis\", found nothing"},
+        {"{", "d.json: expected JSON"},
+        {"", "d.json: expected JSON"},
+        {R"({"format":"hdt-diagnosis","version":2,"joints":[]})", "d.json: version: this program reads 1, found 2"},
+        {R"({"format":"hdt-diagnosis","version":1})", "d.json: not of the shape"},
+        {R"({"format":"hdt-diagnosis","version":1,"joints":[{"joint":"a"}]})", "d.json: not of the shape"}};
+    for (const auto &[text, words] : bad) {
+        spill("d.json", text);
+        refused(3, line, words, "x.html");
+    }
+    std::string foo = head + "1,\"joints\":[" + joint + "]}";
+    spill("d.json", foo);
+    ck_assert_int_le(sh(line).code, 1);
+    foo.replace(foo.find("nothing"), 7, "foo");
+    spill("d.json", foo);
+    refused(3, line, "d.json: joint 1: verdict: expected named, unnamed, suspect or nothing, found 'foo'", "x.html");
+}
+END_TEST
+
+START_TEST(test_a_run_counts_once)
+{
+    must(run(1, "a.csv", "") + "; " + run(2, "b.csv", "") + "; cp a.csv copy.csv; ln -s a.csv link.csv");
+    for (const char *command : {"$H ident --arm $A", "$H diagnose --model $A"})
+        for (const char *runs : {"--fit a.csv a.csv --test b.csv", "--fit a.csv b.csv --test ./a.csv",
+                                 "--fit a.csv copy.csv --test b.csv", "--fit a.csv b.csv --test link.csv"}) {
+            Result r = refused(3, std::string(command) + " --out d " + runs, "the same measurement as a.csv", "d");
+            ck_assert_msg(holds(r.err, "every run once"), "%s", r.err.c_str());
+        }
+}
+END_TEST
+
+START_TEST(test_event_log_converts_to_the_csv_of_its_run)
+{
+    for (const char *terms : {"", " --terms"}) {
+        const std::string how = std::string(" --payload 1.5 ") + terms;
+        must(run(1, "a.csv", how) + "; " + run(1, "a.lcm", how));
+        Result r = must(std::string("$H log convert a.lcm b.csv") + terms + "; cmp a.csv b.csv");
+        ck_assert_msg(holds(r.out, "b.csv: ") && holds(r.out, "joints 1 2 3 4 5 6 7"), "%s", r.out.c_str());
+    }
+    // who cannot read one says how to go on
+    for (const char *line : {"$H ident --arm $A --out x.csv --fit a.lcm", "$H log cut a.lcm x.csv",
+                             "$H diagnose --model $A --out x.csv --fit a.csv --test a.lcm", "$H log check a.lcm",
+                             "$H compare --model $A --out x.csv --before a.csv --after a.lcm"})
+        refused(3, line, "hdt log convert a.lcm a.csv");
+    // cut off: nothing is made of it
+    must("head -c 100000 a.lcm >cut.lcm");
+    refused(3, "$H log convert cut.lcm x.csv", "cut.lcm: at byte");
+    refused(3, "$H log convert nowhere.csv x.csv --map nowhere.toml", "nowhere.toml");
+    refused(2, "$H log convert a.csv x.csv", "a.csv: is no LCM event log of hdt: a foreign table needs a map");
+    refused(2, "$H log convert a.csv x.csv --map m.toml --terms", "--terms");
+}
+END_TEST
+
+START_TEST(test_dump_of_a_fault_converts)
+{
+    must("$H sim --arm $A --task excite:seed=4,seconds=20 --effect contact=200@2:from=8,to=12 --out run.csv "
+         "--dump dump.lcm --terms; test $? = 1");
+    must("$H log convert dump.lcm dump.csv --terms");
+    // the run's own last rows, time counted from another first
+    const hdt::Run all = hdt::read_run(dir + "/run.csv"), part = hdt::read_run(dir + "/dump.csv");
+    ck_assert_uint_gt(part.rows(), 1000);
+    const auto &long_q = all.joint[1].q_rad, &q = part.joint[1].q_rad;
+    const auto at = std::search(long_q.begin(), long_q.end(), q.begin(), q.end());
+    ck_assert_msg(at != long_q.end(), "not a part of the run");
+    ck_assert_int_ne(static_cast<int>(part.extra.at("fault").back()), 0);
+}
+END_TEST
+
+START_TEST(test_logs_keep_their_names_and_their_sources)
+{
+    must(run(1, "a.csv", "") + "; cp a.csv keep.csv; ln -s a.csv link.csv");
+    refused(2, "$H log cut a.csv x.lcm --to 1", "x.lcm: what is written is CSV", "x.lcm");
+    refused(2, "$H log convert a.csv x.lcm --map m.toml", "x.lcm: what is written is CSV", "x.lcm");
+    refused(2, "$H log cut a.csv ./a.csv --to 1", "is what is read", "never");
+    refused(2, "$H log cut a.csv link.csv --to 1", "is what is read", "never");
+    must("cmp a.csv keep.csv");
+}
+END_TEST
+
+START_TEST(test_a_fit_ends_at_once_when_it_is_told_to)
+{
+    std::string logs;
+    for (int k = 1; k <= 5; k++) {
+        const std::string n = std::to_string(k);
+        must("$H sim --arm $A --mode velocity --seed " + n + " --task excite:seed=" + n +
+             ",seconds=40 --out r" + n + ".csv");
+        logs += k == 5 ? " --test r5.csv" : " r" + n + ".csv";
+    }
+    for (const char *command : {"$H ident --arm $A", "$H diagnose --model $A"})
+        for (const auto &[signal, code] : {std::pair{"INT", 130}, {"TERM", 143}}) {
+            Result r = refused(code, std::string("timeout --preserve-status -s ") + signal + " 0.4 " + command +
+                               " --out d --fit" + logs, "hdt: interrupted", "d");
+            ck_assert_str_eq(r.err.c_str(), "hdt: interrupted\n");
+        }
+}
+END_TEST
+
+START_TEST(test_a_run_that_was_cut_says_so)
+{
+    for (const char *signal : {"INT", "TERM"}) {
+        Result r = sh(std::string("timeout --preserve-status -s ") + signal + " 1 $H sim --arm $A --task "
+                      "excite:seed=1,seconds=200 --out cut.csv");
+        ck_assert_int_eq(r.code, 1);
+        ck_assert_msg(holds(r.err, "hdt sim: done: brakes on; asked for: the run ends at sample "), "%s",
+                      r.err.c_str());
+        must("$H log check cut.csv");
+    }
+}
+END_TEST
+
+// A host that stands still for a while misses periods.
+START_TEST(test_a_host_that_was_late_says_so_and_is_not_ok)
+{
+    Result r = {};
+    for (int attempt = 0; attempt < 5 && !holds(r.err, "overrun policy"); attempt++)
+        r = sh("$H servo --arm $A --bus unix:$PWD/bus --task lemniscate 2>/dev/null & s=$!; "
+               "for i in $(seq 100); do [ -S bus ] && break; sleep 0.1; done; "
+               "$H host --model $A --bus unix:$PWD/bus --overrun stop --overrun-limit 1 --out x.csv & h=$!; "
+               "sleep 1; kill -STOP $h; sleep 0.02; kill -CONT $h; wait $h; c=$?; kill $s; wait $s; "
+               "rm -f bus; exit $c");
+    ck_assert_msg(r.code == 1 && holds(r.err, "too many periods were missed (overrun policy): the run ends at"),
+                  "%d: %s", r.code, r.err.c_str());
+}
+END_TEST
+
+START_TEST(test_log_check_says_what_ident_would)
+{
+    must(run(1, "a.csv", ""));
+    hdt::Run bad = hdt::read_run(dir + "/a.csv");
+    bad.joint.push_back(bad.joint[6]);
+    hdt::write_run(dir + "/eight.csv", bad);
+    Result r = sh("$H log check --arm $A eight.csv");
+    ck_assert_int_eq(r.code, 1);
+    const std::string words = "eight.csv: expected at most 7 joints as the arm has, found joint 8";
+    ck_assert_msg(holds(r.out, words), "%s", r.out.c_str());
+    refused(3, "$H ident --arm $A --fit eight.csv --out d", words, "d");
+    // another arm's name: said, and taken
+    must("sed 's/^# arm = .*/# arm = ur5/' a.csv >named.csv");
+    r = must("$H log check --arm $A named.csv");
+    ck_assert_msg(holds(r.out, "named.csv: log is of the arm 'ur5', the model of 'pa10'"), "%s", r.out.c_str());
+    r = must("$H log check --arm $A a.csv");
+    ck_assert_msg(!holds(r.out, "is of the arm"), "%s", r.out.c_str());
+}
+END_TEST
+
+static Suite *commands_suite(void)
+{
+    Suite *s = suite_create("commands");
+    TCase *t = tcase_create("refusals");
+    tcase_set_timeout(t, 120);
+    tcase_add_checked_fixture(t, set_up, tear_down);
+    tcase_add_test(t, test_compare_takes_only_like_runs);
+    tcase_add_test(t, test_compare_reads_only_a_diagnosis_of_its_version);
+    tcase_add_test(t, test_a_run_counts_once);
+    tcase_add_test(t, test_event_log_converts_to_the_csv_of_its_run);
+    tcase_add_test(t, test_dump_of_a_fault_converts);
+    tcase_add_test(t, test_logs_keep_their_names_and_their_sources);
+    tcase_add_test(t, test_a_fit_ends_at_once_when_it_is_told_to);
+    tcase_add_test(t, test_a_run_that_was_cut_says_so);
+    tcase_add_test(t, test_a_host_that_was_late_says_so_and_is_not_ok);
+    tcase_add_test(t, test_log_check_says_what_ident_would);
+    suite_add_tcase(s, t);
+    return s;
+}
+
+HDT_CHECK_MAIN(commands_suite())
