@@ -104,7 +104,8 @@ int run(const SimOptions &o)
         throw InputError(o.out + ": the log could not be written (disk full?)");
     dump.write(tables, model, log_head(o));
     const int code = rig::explain_end("hdt sim", world.host());
-    return code == Ok && world.host().sample < fixed.view().samples ? No : code; // cut: not what was asked for
+    const bool cut = world.host().sample < fixed.view().samples; // not what was asked for
+    return code == Ok && cut ? No : code;
 }
 
 } // namespace
