@@ -293,6 +293,30 @@ START_TEST(test_a_line_too_many_is_refused)
 }
 END_TEST
 
+// Loss with load that goes with less Coulomb friction, which is not written beside a refusal: by itself it
+// would make the model worse, so it stays out too.
+START_TEST(test_what_does_not_help_alone_is_not_written)
+{
+    Hidden h;
+    h.load_mu = 0.1;
+    h.cold = -0.15; // and it does not warm up
+    h.warm_s = 1e9;
+    h.ripple_per_nm = 0.03;
+    const Runs r = make_runs(h, 13);
+    const Diagnosis d = diagnose(arm(), r.fit, r.test, {});
+    assert_as_written(arm(), d, "fitted beside");
+    const JointDiagnosis &j = d.joints[0];
+    bool beside = false;
+    for (const Effect &e : j.effects)
+        beside = beside
+                 || (e.id == "load_friction" && e.refused.find("beside ripple_load") != std::string::npos);
+    ck_assert_msg(j.verdict == "named" && beside, "%s", j.words.c_str());
+    ck_assert(!read_back(d).has("joint.1.effect"));
+    ck_assert_double_eq(j.rms_after_nm, j.rms_before_nm);
+    ck_assert_double_lt(j.rms_explained_nm, 0.8 * j.rms_before_nm);
+}
+END_TEST
+
 // What one joint shows of the whole arm is in the model for all: a joint whose held-out runs deny it says
 // that it is there, and what error it has with it.
 START_TEST(test_joint_that_denies_the_whole_arms_effect_has_it_all_the_same)
@@ -327,6 +351,7 @@ static Suite *adopt_suite(void)
     tcase_add_test(refused, test_payloads_declared_apart_are_refused_by_their_difference);
     tcase_add_test(refused, test_payload_of_the_file_is_corrected);
     tcase_add_test(refused, test_a_line_too_many_is_refused);
+    tcase_add_test(refused, test_what_does_not_help_alone_is_not_written);
     tcase_add_test(refused, test_joint_that_denies_the_whole_arms_effect_has_it_all_the_same);
     suite_add_tcase(s, refused);
     return s;
