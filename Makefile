@@ -292,6 +292,7 @@ $(BUILD)/tests/rt_probe: tests/rt_probe.c | $(READY)
 	@mkdir -p $(@D) && $(CC) -O1 -std=gnu99 -Wall -Wextra -Werror -o $@ $< -lpthread
 $(BUILD)/tests/check_rt: | $(BUILD)/hdt $(BUILD)/tests/rt_shim.so $(BUILD)/tests/rt_probe
 $(BUILD)/tests/check_plugin: | $(BUILD)/libhdt.so.$(VERSION)
+$(BUILD)/tests/check_bus $(BUILD)/tests/check_cycle: $(BUILD)/obj/tests/broken_bus.c.o
 # the LinuxCNC component, in a HAL of the test's
 $(BUILD)/obj/tests/check_hal.c.o: INC += -Itests/hal
 $(BUILD)/tests/%: $(BUILD)/obj/tests/%.c.o $(LIBS)

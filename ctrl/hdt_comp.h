@@ -138,7 +138,7 @@ int32_t hdt_comp_local(const struct hdt_joint_tab *j, const struct hdt_motion *m
 int32_t hdt_comp_table(const struct hdt_joint_tab *j, const struct hdt_motion *m, int32_t load_q16);
 /* dir * mu * |load| */
 int32_t hdt_comp_load(const struct hdt_joint_tab *j, const struct hdt_motion *m, int32_t load_q16);
-/* cold * (coulomb * dir + viscous * v_ref) */
+/* cold * (coulomb * dir + viscous * v_fric) */
 int32_t hdt_comp_temperature(const struct hdt_joint_tab *j, const struct hdt_motion *m);
 /* -dir * deficit * exp(-travel / constant) */
 int32_t hdt_comp_presliding(const struct hdt_joint_tab *j, const struct hdt_motion *m);

@@ -81,7 +81,7 @@ enum hdt_axis {
     HDT_AXIS_Q,                  /* rad q24  measured output angle                            */
     HDT_AXIS_LOAD,               /* N.m q16  what the gear carries: gravity and a spring      */
     HDT_AXIS_PHASE,              /* counts   within a wave-generator turn, 0..16383           */
-    HDT_AXIS_SPEED,              /* rad/s q24  |v_ref|                                        */
+    HDT_AXIS_SPEED,              /* rad/s q24  |v_ref|, or of the observer's (FRICTION)       */
     HDT_AXES
 };
 

@@ -3,8 +3,9 @@
  * From the cycle to a file without the cycle ever waiting: a single-producer single-consumer ring
  * of records, a writer that takes them to CSV or to an LCM event log, and a reader of the latter.
  *
- * The event log keeps every period bit for bit: it replays.  The CSV is a table of measurements: a
- * period without a fresh state has no row.
+ * The event log keeps every period's input, and its output but the observed velocity (hdt_out.v_obs), bit
+ * for bit: it replays, and what the observer does shows in the torques.  The CSV is a table of
+ * measurements: a period without a fresh state has no row.
  *
  * Owns: the ring, the record, the two log formats (docs/formats.md, section Log).
  * Never: blocks the producer: a full ring drops the record and the cycle counts it.

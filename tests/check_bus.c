@@ -15,7 +15,7 @@
 #include <unistd.h>
 
 #include "driver/drv_backend.h"
-#include "driver/drv_fault.h"
+#include "tests/broken_bus.h"
 #include "driver/drv_telegram.h"
 #include "tests/bus_frames.h"
 #include "tests/check_main.h"
@@ -535,23 +535,23 @@ END_TEST
 
 START_TEST(test_each_fault_does_what_its_name_says_at_its_call_only)
 {
-    for (int mode = 0; mode < DRV_FAULT_MODES; mode++) {
+    for (int mode = 0; mode < BROKEN_BUS_MODES; mode++) {
         static struct drv_loop loop;
         struct hdt_bus host, servo, bad;
-        struct drv_fault fault;
-        struct drv_fault_cfg cfg = {.mode = (enum drv_fault_mode)mode, .nth = 3, .at = 12,
+        struct broken_bus fault;
+        struct broken_bus_cfg cfg = {.mode = (enum broken_bus_mode)mode, .nth = 3, .at = 12,
             .flip = 0x80};
         struct hdt_frame f = frame_of(10, 6), got;
         drv_loop_pair(&loop, &host, &servo);
-        drv_fault_wrap(&fault, &cfg, &host, &bad);
+        broken_bus_wrap(&fault, &cfg, &host, &bad);
         int e[4];
         for (int n = 0; n < 4; n++)
             e[n] = send_to(&bad, &f);
         for (int n = 0; n < 4; n++)
             if (n != 2)
                 ck_assert_int_eq(e[n], HDT_BUS_OK);
-        ck_assert_int_eq(e[2], mode == DRV_FAULT_AGAIN  ? HDT_BUS_ERR_AGAIN
-                               : mode == DRV_FAULT_DOWN ? HDT_BUS_ERR_DOWN
+        ck_assert_int_eq(e[2], mode == BROKEN_BUS_AGAIN  ? HDT_BUS_ERR_AGAIN
+                               : mode == BROKEN_BUS_DOWN ? HDT_BUS_ERR_DOWN
                                                         : HDT_BUS_OK);
         unsigned same = 0, other = 0;
         while (recv_from(&servo, &got) == HDT_BUS_OK) {
@@ -560,13 +560,13 @@ START_TEST(test_each_fault_does_what_its_name_says_at_its_call_only)
                 continue;
             }
             other++;
-            ck_assert_uint_eq(got.len, mode == DRV_FAULT_TRUNCATE ? 2 : 10);
+            ck_assert_uint_eq(got.len, mode == BROKEN_BUS_TRUNCATE ? 2 : 10);
             ck_assert_uint_eq(got.data[1], f.data[1]);
-            if (mode == DRV_FAULT_CORRUPT)
+            if (mode == BROKEN_BUS_CORRUPT)
                 ck_assert_uint_eq(got.data[2], f.data[2] ^ 0x80u);
         }
-        int damages = mode == DRV_FAULT_CORRUPT || mode == DRV_FAULT_TRUNCATE;
-        ck_assert_uint_eq(same, mode == DRV_FAULT_DUPLICATE ? 5 : 3);
+        int damages = mode == BROKEN_BUS_CORRUPT || mode == BROKEN_BUS_TRUNCATE;
+        ck_assert_uint_eq(same, mode == BROKEN_BUS_DUPLICATE ? 5 : 3);
         ck_assert_uint_eq(other, damages ? 1 : 0);
         ck_assert_uint_eq(fault.hits, 1);
         /* receiving: break the second receive */
@@ -576,8 +576,8 @@ START_TEST(test_each_fault_does_what_its_name_says_at_its_call_only)
         unsigned good = 0, damaged = 0;
         for (int n = 0; n < 8; n++) {
             int r = recv_from(&bad, &got);
-            if (n == 1 && mode <= DRV_FAULT_DOWN)
-                ck_assert_int_eq(r, mode == DRV_FAULT_DOWN ? HDT_BUS_ERR_DOWN : HDT_BUS_ERR_AGAIN);
+            if (n == 1 && mode <= BROKEN_BUS_DOWN)
+                ck_assert_int_eq(r, mode == BROKEN_BUS_DOWN ? HDT_BUS_ERR_DOWN : HDT_BUS_ERR_AGAIN);
             if (r == HDT_BUS_OK) {
                 int whole = got.len == f.len && memcmp(got.data, f.data, f.len) == 0;
                 good += whole;
@@ -585,8 +585,8 @@ START_TEST(test_each_fault_does_what_its_name_says_at_its_call_only)
             }
         }
         ck_assert_uint_eq(damaged, damages ? 1 : 0);
-        ck_assert_uint_eq(good, mode == DRV_FAULT_DUPLICATE              ? 4
-                                : damages || mode == DRV_FAULT_DROP ? 2
+        ck_assert_uint_eq(good, mode == BROKEN_BUS_DUPLICATE              ? 4
+                                : damages || mode == BROKEN_BUS_DROP ? 2
                                                                     : 3);
         ck_assert_uint_eq(fault.hits, 2);
     }

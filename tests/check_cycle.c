@@ -6,7 +6,7 @@
 #include <stdlib.h>
 
 #include "driver/drv_cycle.h"
-#include "driver/drv_fault.h"
+#include "tests/broken_bus.h"
 #include "sim/servo.h"
 #include "tests/check_main.h"
 #include "tests/driver_rig.h"
@@ -853,10 +853,10 @@ END_TEST
 /* ---- a bus broken at every call in turn ---------------------------------------------------- */
 
 /* The run that must go well whatever breaks; returns calls the bus saw. */
-static unsigned broken_run(struct drv_fault_cfg cfg, struct rig *r, struct drv_fault *f)
+static unsigned broken_run(struct broken_bus_cfg cfg, struct rig *r, struct broken_bus *f)
 {
     rig_init(r, NULL);
-    drv_fault_wrap(f, &cfg, &r->host, &r->beneath);
+    broken_bus_wrap(f, &cfg, &r->host, &r->beneath);
     rig_periods(r, 40);
     return f->called;
 }
@@ -867,19 +867,19 @@ static unsigned broken_run(struct drv_fault_cfg cfg, struct rig *r, struct drv_f
 
 START_TEST(test_one_broken_call_is_counted_and_survived)
 {
-    enum drv_fault_mode mode = (enum drv_fault_mode)_i;
+    enum broken_bus_mode mode = (enum broken_bus_mode)_i;
     unsigned fired = 0;
     for (unsigned n = 1;; n++) {
         struct rig r;
-        struct drv_fault f;
-        struct drv_fault_cfg cfg = {.mode = mode, .nth = n, .at = n * 7u,
+        struct broken_bus f;
+        struct broken_bus_cfg cfg = {.mode = mode, .nth = n, .at = n * 7u,
             .flip = (uint8_t)(n * 29u | 1u)};
         if (broken_run(cfg, &r, &f) < n)
             break;
         fired += f.hits;
         rig_periods(&r, RECOVERY);
         /* corrupt payload can look like a runaway or an alarm, and then must fault, not drive */
-        if (mode == DRV_FAULT_CORRUPT)
+        if (mode == BROKEN_BUS_CORRUPT)
             ck_assert_int_eq(hdt_clear(&r.c.core), HDT_OK);
         else
             ck_assert_uint_eq(r.out.fault, 0);
@@ -887,7 +887,7 @@ START_TEST(test_one_broken_call_is_counted_and_survived)
                                       r.c.count.send_dropped + r.c.count.bus_down);
         ck_assert_uint_le(noticed, 3);
         /* an empty-handed receive broken into "again" changes nothing; payload damage is not seen */
-        if (f.hits && mode != DRV_FAULT_CORRUPT && mode != DRV_FAULT_AGAIN)
+        if (f.hits && mode != BROKEN_BUS_CORRUPT && mode != BROKEN_BUS_AGAIN)
             ck_assert_uint_ge(noticed, 1);
         uint64_t received = r.c.count.received;
         rig_periods(&r, 10);
@@ -901,18 +901,18 @@ END_TEST
 
 START_TEST(test_a_long_break_latches_stale_and_never_drives)
 {
-    enum drv_fault_mode mode = (enum drv_fault_mode)_i;
+    enum broken_bus_mode mode = (enum broken_bus_mode)_i;
     /* two calls a period while nothing arrives: this is longer than stale_periods */
-    struct drv_fault_cfg cfg = {.mode = mode, .nth = 40, .calls = 200, .at = 1, .flip = 0x20};
+    struct broken_bus_cfg cfg = {.mode = mode, .nth = 40, .calls = 200, .at = 1, .flip = 0x20};
     struct rig r;
-    struct drv_fault f;
+    struct broken_bus f;
     rig_init(&r, NULL);
-    drv_fault_wrap(&f, &cfg, &r.host, &r.beneath);
+    broken_bus_wrap(&f, &cfg, &r.host, &r.beneath);
     unsigned guard = 0;
     while (f.called < 245 && guard++ < 400)
         rig_period(&r);
     ck_assert_uint_gt(f.hits, 20);
-    if (mode == DRV_FAULT_DUPLICATE) {
+    if (mode == BROKEN_BUS_DUPLICATE) {
         ck_assert_uint_eq(r.out.fault, 0); /* doubles cost nothing but a count */
         ck_assert_uint_gt(r.c.count.wrong_seq, 10);
     } else {
@@ -931,12 +931,12 @@ END_TEST
 START_TEST(test_after_a_broken_link_axes_are_braked_until_a_new_state)
 {
     struct rig r;
-    struct drv_fault f;
+    struct broken_bus f;
     rig_init(&r, NULL);
     rig_periods(&r, 6);
     /* the next receive finds the peer gone; the servo was restarted meanwhile */
-    struct drv_fault_cfg cfg = {.mode = DRV_FAULT_DOWN, .nth = 1};
-    drv_fault_wrap(&f, &cfg, &r.host, &r.beneath);
+    struct broken_bus_cfg cfg = {.mode = BROKEN_BUS_DOWN, .nth = 1};
+    broken_bus_wrap(&f, &cfg, &r.host, &r.beneath);
     rig_period(&r);
     ck_assert_uint_eq(r.c.count.bus_down, 1);
     ck_assert_uint_eq(r.sent.type, DRV_START);
@@ -953,12 +953,12 @@ END_TEST
 START_TEST(test_a_send_that_finds_the_peer_gone_starts_the_link_over)
 {
     struct rig r;
-    struct drv_fault f;
+    struct broken_bus f;
     rig_init(&r, NULL);
     rig_periods(&r, 6);
     /* calls of a period: receive the state, receive nothing, send */
-    struct drv_fault_cfg cfg = {.mode = DRV_FAULT_DOWN, .nth = 3};
-    drv_fault_wrap(&f, &cfg, &r.host, &r.beneath);
+    struct broken_bus_cfg cfg = {.mode = BROKEN_BUS_DOWN, .nth = 3};
+    broken_bus_wrap(&f, &cfg, &r.host, &r.beneath);
     rig_period(&r);
     ck_assert_uint_eq(f.hits, 1);
     ck_assert_uint_eq(r.c.count.send_dropped, 1);
@@ -975,12 +975,12 @@ END_TEST
 START_TEST(test_an_end_the_bus_did_not_take_is_sent_at_the_next_period)
 {
     struct rig r;
-    struct drv_fault f;
+    struct broken_bus f;
     rig_init(&r, NULL);
     rig_periods(&r, 6);
     /* drv_cycle_end: receive the state, receive nothing, send */
-    struct drv_fault_cfg cfg = {.mode = DRV_FAULT_AGAIN, .nth = 3};
-    drv_fault_wrap(&f, &cfg, &r.host, &r.beneath);
+    struct broken_bus_cfg cfg = {.mode = BROKEN_BUS_AGAIN, .nth = 3};
+    broken_bus_wrap(&f, &cfg, &r.host, &r.beneath);
     ck_assert_int_eq(drv_cycle_end(&r.c), HDT_BUS_ERR_AGAIN);
     rig_period(&r);
     ck_assert_uint_eq(r.sent.type, DRV_END);
@@ -1042,8 +1042,8 @@ static Suite *cycle_suite(void)
     suite_add_tcase(s, t);
     t = tcase_create("broken bus");
     tcase_set_timeout(t, 60);
-    tcase_add_loop_test(t, test_one_broken_call_is_counted_and_survived, 0, DRV_FAULT_MODES);
-    tcase_add_loop_test(t, test_a_long_break_latches_stale_and_never_drives, 0, DRV_FAULT_MODES);
+    tcase_add_loop_test(t, test_one_broken_call_is_counted_and_survived, 0, BROKEN_BUS_MODES);
+    tcase_add_loop_test(t, test_a_long_break_latches_stale_and_never_drives, 0, BROKEN_BUS_MODES);
     tcase_add_test(t, test_after_a_broken_link_axes_are_braked_until_a_new_state);
     tcase_add_test(t, test_a_send_that_finds_the_peer_gone_starts_the_link_over);
     tcase_add_test(t, test_an_end_the_bus_did_not_take_is_sent_at_the_next_period);

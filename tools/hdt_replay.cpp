@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 //
-// `hdt replay`: feed an event log to the core again and compare every output, bit for bit.
+// `hdt replay`: feed an event log to the core again and compare every output
+// that is in the log, bit for bit: all but the observed velocity.
 #include <cinttypes>
 #include <cstdio>
 #include <cstring>

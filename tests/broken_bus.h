@@ -5,8 +5,8 @@
  * Owns: which calls break, and how.
  * Never: allocates; the memory is the caller's.
  */
-#ifndef DRV_FAULT_H
-#define DRV_FAULT_H
+#ifndef BROKEN_BUS_H
+#define BROKEN_BUS_H
 
 #include "driver/hdt_bus.h"
 
@@ -14,27 +14,27 @@
 extern "C" {
 #endif
 
-enum drv_fault_mode {
-    DRV_FAULT_DROP,      /* the frame vanishes; a send says ok, a receive says there was none */
-    DRV_FAULT_AGAIN,     /* HDT_BUS_ERR_AGAIN; a frame waiting keeps waiting                 */
-    DRV_FAULT_DOWN,      /* HDT_BUS_ERR_DOWN, as above                                       */
-    DRV_FAULT_CORRUPT,   /* one byte changed: data[at % len] ^= flip                         */
-    DRV_FAULT_DUPLICATE, /* the frame comes twice                                            */
-    DRV_FAULT_TRUNCATE,  /* the frame is cut to at % len bytes, at least 1                   */
-    DRV_FAULT_MODES
+enum broken_bus_mode {
+    BROKEN_BUS_DROP,      /* the frame vanishes; a send says ok, a receive says there was none */
+    BROKEN_BUS_AGAIN,     /* HDT_BUS_ERR_AGAIN; a frame waiting keeps waiting                 */
+    BROKEN_BUS_DOWN,      /* HDT_BUS_ERR_DOWN, as above                                       */
+    BROKEN_BUS_CORRUPT,   /* one byte changed: data[at % len] ^= flip                         */
+    BROKEN_BUS_DUPLICATE, /* the frame comes twice                                            */
+    BROKEN_BUS_TRUNCATE,  /* the frame is cut to at % len bytes, at least 1                   */
+    BROKEN_BUS_MODES
 };
 
-struct drv_fault_cfg {
-    enum drv_fault_mode mode;
+struct broken_bus_cfg {
+    enum broken_bus_mode mode;
     unsigned nth;        /* first call that breaks, from 1; sends and receives count together */
     unsigned calls;      /* how many break from there on; 0: 1 */
     unsigned at;         /* for corrupt and truncate */
     uint8_t flip;        /* for corrupt; 0: 0xff */
 };
 
-struct drv_fault {
+struct broken_bus {
     struct hdt_bus good;
-    struct drv_fault_cfg cfg;
+    struct broken_bus_cfg cfg;
     unsigned called;     /* calls so far */
     unsigned hits;       /* calls that did break something */
     struct hdt_frame again;
@@ -42,7 +42,7 @@ struct drv_fault {
 };
 
 /* bad is then the broken view of good; both stay the caller's, and closing bad closes nothing. */
-void drv_fault_wrap(struct drv_fault *f, const struct drv_fault_cfg *cfg,
+void broken_bus_wrap(struct broken_bus *f, const struct broken_bus_cfg *cfg,
                     const struct hdt_bus *good, struct hdt_bus *bad);
 
 #ifdef __cplusplus
