@@ -141,7 +141,7 @@ void add_pictures(Report *report, const JointDiagnosis &d)
 void add_joint(Report *report, const JointDiagnosis &d)
 {
     report->heading("Joint " + std::to_string(d.joint));
-    report->verdict(d.words, d.verdict == "nothing" || d.verdict == "named");
+    report->verdict(d.words, (d.verdict == "nothing" || d.verdict == "named") && !d.unexplained());
     if (!d.next_experiment.empty())
         report->paragraph("Next run: " + d.next_experiment);
     if (!d.effects.empty()) {
@@ -197,8 +197,8 @@ void write_diagnosis(const Diagnosis &d, const std::string &dir)
         rows.push_back({std::to_string(j.joint), j.verdict, joined(names), num(j.noise_floor_nm),
                         num(j.rms_before_nm), num(j.rms_refit_nm), num(j.rms_after_nm),
                         joined(j.ambiguous_with)});
-        good = good && (j.verdict == "nothing" || j.verdict == "named");
-        if (j.verdict != "nothing" || j.friction_refitted)
+        good = good && (j.verdict == "nothing" || j.verdict == "named") && !j.unexplained();
+        if (j.verdict != "nothing" || j.friction_refitted || j.unexplained())
             first += (first.empty() ? "" : "\n") + ("Joint " + std::to_string(j.joint) + ": " + j.words);
     }
     report.verdict(first.empty() ? "Nothing is missing that these runs could show." : first, good);

@@ -327,6 +327,21 @@ START_TEST(test_what_held_out_runs_deny_is_not_adopted)
 }
 END_TEST
 
+// What came up after the fit runs has no name, but is not passed over either.
+START_TEST(test_what_only_held_out_runs_show_is_said)
+{
+    Hidden h;
+    h.spring = 6;
+    std::vector<Run> fit = planar::make_runs({}, {}, 61, 6), test = planar::make_runs(h, {}, 62, 2);
+    const Diagnosis d = diagnose(arm(), fit, test, {});
+    const JointDiagnosis &j = d.joints[0];
+    ck_assert_str_eq(j.verdict.c_str(), "nothing");
+    ck_assert_msg(j.unexplained() && j.words.find("Something is missing") == 0, "%s", j.words.c_str());
+    const Diagnosis sound = diagnose(arm(), fit, planar::make_runs({}, {}, 63, 2), {});
+    ck_assert_msg(!sound.joints[0].unexplained(), "%s", sound.joints[0].words.c_str());
+}
+END_TEST
+
 // A snag in two runs of seven is not a property of the joint.
 START_TEST(test_what_few_runs_show_is_not_named)
 {
@@ -671,6 +686,7 @@ static Suite *diagnose_suite(void)
     tcase_add_test(rules, test_too_few_runs_refuse_to_name);
     tcase_add_test(rules, test_few_runs_name_only_when_asked_to);
     tcase_add_test(rules, test_what_held_out_runs_deny_is_not_adopted);
+    tcase_add_test(rules, test_what_only_held_out_runs_show_is_said);
     tcase_add_test(rules, test_what_few_runs_show_is_not_named);
     tcase_add_test(rules, test_pieces_of_one_recording_are_one_run);
     tcase_add_test(rules, test_next_run_is_a_task_with_a_prediction);
