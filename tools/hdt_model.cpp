@@ -148,7 +148,7 @@ void add_ident(CLI::App &app, int &code)
     sub->add_option("--arm", o->model, "model file to start from")->required();
     sub->add_option("--fit", o->fit, "logs to fit")->required();
     sub->add_option("--test", o->test, "logs held out");
-    sub->add_option("--joints", o->joints, "only these, as in 2,4");
+    sub->add_option("--joints", o->joints, "only these, as in 2,4")->check(joint_list());
     sub->add_option("--out", o->out, "directory for model.toml, ident.json, report.html")->required();
     sub->add_flag("--accept-log", o->accept_log, accept_log_help);
     sub->callback([o, &code] { code = run_ident(*o); });
@@ -162,7 +162,7 @@ void add_diagnose(CLI::App &app, int &code)
     sub->add_option("--model", o->model, "model file, identified")->required();
     sub->add_option("--fit", o->fit, "logs to look at")->required();
     sub->add_option("--test", o->test, "logs held out for the before and after")->required();
-    sub->add_option("--joints", o->joints, "only these, as in 2,4");
+    sub->add_option("--joints", o->joints, "only these, as in 2,4")->check(joint_list());
     sub->add_flag("--few-runs", o->few_runs,
                   "let fewer than four runs name what takes 15 % off the held-out error, and adopt it");
     sub->add_option("--out", o->out, "directory for diagnosis.json, model.toml, report.html")->required();

@@ -267,7 +267,7 @@ void add_top(CLI::App &app, int &code)
     sub->add_option("--lcm", o->url,
                     "LCM address (default: LCM_DEFAULT_URL, or LCM's own); file://LOG reads a log");
     sub->add_option("--seconds", o->seconds, "end after this long (default: at Ctrl-C)")
-        ->check(CLI::Range(0.1, 1e6));
+        ->check(between(0.1, 1e6));
     sub->callback([o, &code] { code = run(*o); });
 }
 
