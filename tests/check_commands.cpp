@@ -196,8 +196,8 @@ START_TEST(test_a_fit_ends_at_once_when_it_is_told_to)
     }
     for (const char *command : {"$H ident --arm $A", "$H diagnose --model $A"})
         for (const auto &[signal, code] : {std::pair{"INT", 130}, {"TERM", 143}}) {
-            const std::string line = std::string("timeout --preserve-status -s ") + signal + " 0.4 " + command;
-            Result r = refused(code, line + " --out d --fit" + logs, "hdt: interrupted", "d");
+            const std::string line = std::string("timeout --preserve-status -s ") + signal + " 0.4 ";
+            Result r = refused(code, line + command + " --out d --fit" + logs, "hdt: interrupted", "d");
             ck_assert_str_eq(r.err.c_str(), "hdt: interrupted\n");
         }
 }
@@ -332,6 +332,43 @@ START_TEST(test_effect_files_are_read_or_refused_by_line)
 }
 END_TEST
 
+START_TEST(test_a_model_is_not_written_over_itself)
+{
+    must(run(1, "a.csv", "") + "; " + run(2, "b.csv", "") + "; mkdir same; cp $A same/model.toml");
+    for (const char *line : {"$H ident --arm same/model.toml --fit a.csv --out same",
+                             "$H ident --arm ./same/model.toml --fit a.csv --out ./same/",
+                             "$H diagnose --model same/model.toml --fit a.csv --test b.csv --out same"})
+        refused(2, line, "model.toml is the model that is read: expected another", "same/report.html");
+    must("cmp $A same/model.toml");
+}
+END_TEST
+
+START_TEST(test_ident_says_what_it_left_out)
+{
+    must(run(1, "a.csv", "--mode velocity"));
+    hdt::Run less = hdt::read_run(dir + "/a.csv");
+    less.joint[2] = {};
+    hdt::write_run(dir + "/less.csv", less);
+    Result r = must("$H ident --arm $A --fit less.csv --out d");
+    ck_assert_msg(holds(r.out, "joints left out: 3 (no log has"), "%s", r.out.c_str());
+    r = must("$H ident --arm $A --fit less.csv --joints 1,2 --out d");
+    ck_assert_msg(holds(r.out, "joints left out: 3 4 5 6 7 (not in --joints)\n"), "%s", r.out.c_str());
+    ck_assert_msg(holds(r.out, "-      -\n") && !holds(r.out, "nan"), "%s", r.out.c_str());
+}
+END_TEST
+
+START_TEST(test_words_that_cannot_be_written_are_no_success)
+{
+    must(run(1, "a.csv", "") + "; " + run(1, "a.lcm", ""));
+    for (const char *line : {"$H log check a.csv", "$H replay a.lcm", "$H gen $A --out t"}) {
+        Result r = sh(std::string(line) + " >/dev/full");
+        ck_assert_msg(r.code == 3 && holds(r.err, "standard output cannot be written: No space left"),
+                      "%d: %s", r.code, r.err.c_str());
+    }
+    refused(1, "timeout 20 $H top --lcm file://$PWD/a.lcm?speed=0", "hdt top: no status was heard");
+}
+END_TEST
+
 static Suite *commands_suite(void)
 {
     Suite *s = suite_create("commands");
@@ -351,6 +388,9 @@ static Suite *commands_suite(void)
     tcase_add_test(t, test_misspelt_words_are_named_with_the_nearest);
     tcase_add_test(t, test_a_wrong_command_line_is_two);
     tcase_add_test(t, test_effect_files_are_read_or_refused_by_line);
+    tcase_add_test(t, test_a_model_is_not_written_over_itself);
+    tcase_add_test(t, test_ident_says_what_it_left_out);
+    tcase_add_test(t, test_words_that_cannot_be_written_are_no_success);
     suite_add_tcase(s, t);
     return s;
 }

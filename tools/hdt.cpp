@@ -5,6 +5,7 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <unistd.h>
 
@@ -249,6 +250,11 @@ int main(int argc, char **argv)
         return Usage;
     } catch (const std::exception &e) {
         std::fprintf(stderr, "hdt: %s\n", e.what());
+        return BadInput;
+    }
+    // a full disk or a closed pipe behind our words is no success
+    if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) {
+        std::fprintf(stderr, "hdt: standard output cannot be written: %s\n", std::strerror(errno));
         return BadInput;
     }
     return code;
