@@ -254,7 +254,7 @@ int run(const HostOptions &o)
         throw InputError(error);
     if (rt_cfg.follow_lead_ns != 0 && bus.health == nullptr) {
         hdt_bus_close(&bus);
-        throw InputError("--follow-bus: " + o.bus + " does not say when a telegram came: expected can:, "
+        throw UsageError("--follow-bus: " + o.bus + " does not say when a telegram came: expected can:, "
                          "isotp: or arcnet:");
     }
 
