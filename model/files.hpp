@@ -24,7 +24,8 @@ private:
     sigset_t before_;
 };
 
-// SIGINT and SIGTERM wait until it is done.  Throws InputError naming the path and the system's reason; the temporary file is removed then.
+// SIGINT and SIGTERM wait until it is done.  Throws InputError naming the path and the system's reason;
+// the temporary file is removed then.
 void write_file(const std::string &path, const std::string &bytes);
 
 } // namespace hdt

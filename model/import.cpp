@@ -386,7 +386,8 @@ void take_row(Source &source, std::size_t line, const std::vector<std::string_vi
     source.line.push_back(line);
 }
 
-void read_table(Source &source, std::vector<Target *> &wanted)
+// A last line without its newline may be a number cut short: taken only where it is dropped anyway.
+void read_table(Source &source, std::vector<Target *> &wanted, std::size_t drop_last)
 {
     const std::string text = read_text(source.path);
     LineReader lines(text);
@@ -403,6 +404,10 @@ void read_table(Source &source, std::vector<Target *> &wanted)
     while (lines.next(line)) {
         if (trim(line).empty())
             continue;
+        if (!lines.ended() && drop_last == 0)
+            throw InputError(at(source.path, lines.number()) +
+                             ": the file ends inside a line; was it cut short? end it with a newline if it "
+                             "is whole, or leave it out by drop_last = 1 in the map");
         split(line, source.separator, fields);
         row.insert(row.end(), fields.begin(), fields.end());
         width = width ? width : row.size();
@@ -474,7 +479,7 @@ Run convert_run(const std::string &map_path, const std::string &foreign_path)
         for (Target &target : map.targets)
             if (target.source == s)
                 wanted.push_back(&target);
-        read_table(source, wanted);
+        read_table(source, wanted, map.drop_last);
     }
     const std::size_t rows = common_rows(map);
     Run run;

@@ -104,7 +104,12 @@ bool is_file_constant(const std::string &place, const std::string &key, std::str
 }
 
 // The constants that every reader uses: a bad one is found at its own line.  ratio stands for ratio1, ...
-struct KnownConstant { const char *quantity, *unit; std::size_t count; double least, most; const char *range; };
+struct KnownConstant {
+    const char *quantity, *unit;
+    std::size_t count;
+    double least, most;
+    const char *range;
+};
 constexpr KnownConstant known_constants[] = {
     {"payload", "_kg", 1, 0, 1000, "0 to 1000"},
     {"payload_com", "_m", 3, -10, 10, "-10 to 10"},
@@ -123,8 +128,8 @@ bool is_known(const KnownConstant &known, const std::string &key)
 // A known quantity under a name that leaves its unit out or has another: nobody would read it.
 void check_unit(const std::string &place, const std::string &key)
 {
-    static const std::set<std::string> units = {"",   "_g",  "_kg", "_mg", "_lb", "_lbs", "_oz", "_t", "_n",
-                                                "_m", "_mm", "_cm", "_dm", "_um", "_in",  "_ft"};
+    static const std::set<std::string> units = {"",   "_g", "_kg", "_mg", "_lb", "_lbs", "_oz", "_t",
+                                                "_n", "_m", "_mm", "_cm", "_dm", "_um",  "_in", "_ft"};
     for (const KnownConstant &known : known_constants) {
         const std::string quantity = known.quantity, unit = known.unit;
         if (unit.empty() || key.compare(0, quantity.size(), quantity) != 0)

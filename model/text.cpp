@@ -31,8 +31,8 @@ std::string read_text(const std::string &path)
         const std::size_t n = std::fread(chunk.data(), 1, chunk.size(), file.get());
         // also what keeps an endless device from being read for ever
         if (n >= 4 && text.empty() && std::memcmp(chunk.data(), "\xed\xa1\xda\x01", 4) == 0)
-            throw InputError(path + ": expected a text file, found an LCM event log; hdt log convert " + path +
-                             " " + path.substr(0, path.rfind(".lcm")) + ".csv makes a CSV log of it");
+            throw InputError(path + ": expected a text file, found an LCM event log; hdt log convert " +
+                             path + " " + path.substr(0, path.rfind(".lcm")) + ".csv makes a CSV log of it");
         if (std::memchr(chunk.data(), 0, n))
             throw InputError(path + ": expected a text file, found a zero byte");
         text.append(chunk.data(), n);

@@ -30,17 +30,24 @@ Result must(const std::string &line)
     return r;
 }
 
-bool holds(const std::string &text, const std::string &words) { return text.find(words) != std::string::npos; }
+bool holds(const std::string &text, const std::string &words)
+{
+    return text.find(words) != std::string::npos;
+}
 
 // Ends with this code; stderr holds the words; nothing on stdout, no `product` and no part of one left.
-Result refused(int code, const std::string &line, const std::string &words, const std::string &product = "x.csv")
+Result refused(int code, const std::string &line, const std::string &words,
+               const std::string &product = "x.csv")
 {
     std::filesystem::remove(dir + "/" + product);
     Result r = sh(line);
-    ck_assert_msg(r.code == code, "%s: exit code %d, expected %d: %s", line.c_str(), r.code, code, r.err.c_str());
-    ck_assert_msg(holds(r.err, words), "%s: expected \"%s\" in: %s", line.c_str(), words.c_str(), r.err.c_str());
+    ck_assert_msg(r.code == code, "%s: exit code %d, expected %d: %s", line.c_str(), r.code, code,
+                  r.err.c_str());
+    ck_assert_msg(holds(r.err, words), "%s: expected \"%s\" in: %s", line.c_str(), words.c_str(),
+                  r.err.c_str());
     ck_assert_msg(r.out.empty(), "%s: said %s", line.c_str(), r.out.c_str());
-    ck_assert_msg(!std::filesystem::exists(dir + "/" + product), "%s left %s", line.c_str(), product.c_str());
+    ck_assert_msg(!std::filesystem::exists(dir + "/" + product), "%s left %s", line.c_str(),
+                  product.c_str());
     ck_assert_msg(sh("! ls | grep '[.]part'").code == 0, "%s left a part of a file", line.c_str());
     return r;
 }
@@ -79,24 +86,27 @@ START_TEST(test_compare_takes_only_like_runs)
     refused(3, line + "load.csv", "load.csv: payload_kg: expected nothing as in a.csv, found", "x.html");
     refused(3, line + "bare.csv", "bare.csv: expected the feedback's torques", "x.html");
     Result r = sh(line + "b.csv");
-    ck_assert_msg(r.code <= 1 && holds(r.out, "feedback torque share"), "%s%s", r.out.c_str(), r.err.c_str());
+    ck_assert_msg(r.code <= 1 && holds(r.out, "feedback torque share"), "%s%s", r.out.c_str(),
+                  r.err.c_str());
 }
 END_TEST
 
 START_TEST(test_compare_reads_only_a_diagnosis_of_its_version)
 {
     must(run(1, "a.csv", "--terms") + "; " + run(2, "b.csv", "--terms", 1));
-    const std::string line = "$H compare --model $A --out x.html --before a.csv --after b.csv --diagnosis d.json";
+    const std::string line = "$H compare --model $A --out x.html --before a.csv --after b.csv "
+                             "--diagnosis d.json";
     const std::string joint = R"({"joint":1,"verdict":"nothing","noise_floor_nm":1,"rms_before_nm":1,)"
                               R"("rms_after_nm":1,"effects":[],"ambiguous_with":[],"next_experiment":""})";
     const std::string head = R"({"format":"hdt-diagnosis","version":)";
     const char *const bad[][2] = {
-        {R"({"format":"hdt-ident","version":1,"joints":[]})", "d.json: format: expected \"hdt-diagnosis\", found "
-                                                              "\"hdt-ident\""},
+        {R"({"format":"hdt-ident","version":1,"joints":[]})",
+         "d.json: format: expected \"hdt-diagnosis\", found \"hdt-ident\""},
         {"[]", "d.json: format: expected \"hdt-diagnosis\", found nothing"},
         {"{", "d.json: expected JSON"},
         {"", "d.json: expected JSON"},
-        {R"({"format":"hdt-diagnosis","version":2,"joints":[]})", "d.json: version: this program reads 1, found 2"},
+        {R"({"format":"hdt-diagnosis","version":2,"joints":[]})",
+         "d.json: version: this program reads 1, found 2"},
         {R"({"format":"hdt-diagnosis","version":1})", "d.json: not of the shape"},
         {R"({"format":"hdt-diagnosis","version":1,"joints":[{"joint":"a"}]})", "d.json: not of the shape"}};
     for (const auto &[text, words] : bad) {
@@ -108,7 +118,8 @@ START_TEST(test_compare_reads_only_a_diagnosis_of_its_version)
     ck_assert_int_le(sh(line).code, 1);
     foo.replace(foo.find("nothing"), 7, "foo");
     spill("d.json", foo);
-    refused(3, line, "d.json: joint 1: verdict: expected named, unnamed, suspect or nothing, found 'foo'", "x.html");
+    refused(3, line, "d.json: joint 1: verdict: expected named, unnamed, suspect or nothing, found 'foo'",
+            "x.html");
 }
 END_TEST
 
@@ -118,7 +129,8 @@ START_TEST(test_a_run_counts_once)
     for (const char *command : {"$H ident --arm $A", "$H diagnose --model $A"})
         for (const char *runs : {"--fit a.csv a.csv --test b.csv", "--fit a.csv b.csv --test ./a.csv",
                                  "--fit a.csv copy.csv --test b.csv", "--fit a.csv b.csv --test link.csv"}) {
-            Result r = refused(3, std::string(command) + " --out d " + runs, "the same measurement as a.csv", "d");
+            Result r = refused(3, std::string(command) + " --out d " + runs, "the same measurement as a.csv",
+                               "d");
             ck_assert_msg(holds(r.err, "every run once"), "%s", r.err.c_str());
         }
 }
@@ -134,14 +146,15 @@ START_TEST(test_event_log_converts_to_the_csv_of_its_run)
     }
     // who cannot read one says how to go on
     for (const char *line : {"$H ident --arm $A --out x.csv --fit a.lcm", "$H log cut a.lcm x.csv",
-                             "$H diagnose --model $A --out x.csv --fit a.csv --test a.lcm", "$H log check a.lcm",
+                             "$H diagnose --model $A --out x.csv --fit a.csv --test a.lcm",
+                             "$H log check a.lcm",
                              "$H compare --model $A --out x.csv --before a.csv --after a.lcm"})
         refused(3, line, "hdt log convert a.lcm a.csv");
     // cut off: nothing is made of it
     must("head -c 100000 a.lcm >cut.lcm");
     refused(3, "$H log convert cut.lcm x.csv", "cut.lcm: at byte");
     refused(3, "$H log convert nowhere.csv x.csv --map nowhere.toml", "nowhere.toml");
-    refused(2, "$H log convert a.csv x.csv", "a.csv: is no LCM event log of hdt: a foreign table needs a map");
+    refused(2, "$H log convert a.csv x.csv", "a.csv: is no LCM event log of hdt: a foreign table needs");
     refused(2, "$H log convert a.csv x.csv --map m.toml --terms", "--terms");
 }
 END_TEST
@@ -183,8 +196,8 @@ START_TEST(test_a_fit_ends_at_once_when_it_is_told_to)
     }
     for (const char *command : {"$H ident --arm $A", "$H diagnose --model $A"})
         for (const auto &[signal, code] : {std::pair{"INT", 130}, {"TERM", 143}}) {
-            Result r = refused(code, std::string("timeout --preserve-status -s ") + signal + " 0.4 " + command +
-                               " --out d --fit" + logs, "hdt: interrupted", "d");
+            const std::string line = std::string("timeout --preserve-status -s ") + signal + " 0.4 ";
+            Result r = refused(code, line + command + " --out d --fit" + logs, "hdt: interrupted", "d");
             ck_assert_str_eq(r.err.c_str(), "hdt: interrupted\n");
         }
 }
@@ -213,7 +226,7 @@ START_TEST(test_a_host_that_was_late_says_so_and_is_not_ok)
                "$H host --model $A --bus unix:$PWD/bus --overrun stop --overrun-limit 1 --out x.csv & h=$!; "
                "sleep 1; kill -STOP $h; sleep 0.02; kill -CONT $h; wait $h; c=$?; kill $s; wait $s; "
                "rm -f bus; exit $c");
-    ck_assert_msg(r.code == 1 && holds(r.err, "too many periods were missed (overrun policy): the run ends at"),
+    ck_assert_msg(r.code == 1 && holds(r.err, "were missed (overrun policy): the run ends at sample "),
                   "%d: %s", r.code, r.err.c_str());
 }
 END_TEST
@@ -232,9 +245,127 @@ START_TEST(test_log_check_says_what_ident_would)
     // another arm's name: said, and taken
     must("sed 's/^# arm = .*/# arm = ur5/' a.csv >named.csv");
     r = must("$H log check --arm $A named.csv");
-    ck_assert_msg(holds(r.out, "named.csv: log is of the arm 'ur5', the model of 'pa10'"), "%s", r.out.c_str());
+    ck_assert_msg(holds(r.out, "named.csv: log is of the arm 'ur5', the model of 'pa10'"), "%s",
+                  r.out.c_str());
     r = must("$H log check --arm $A a.csv");
     ck_assert_msg(!holds(r.out, "is of the arm"), "%s", r.out.c_str());
+}
+END_TEST
+
+START_TEST(test_misspelt_words_are_named_with_the_nearest)
+{
+    const char *const bad[][2] = {
+        {"$H simm", "\"simm\": no such command of hdt; did you mean sim?"},
+        {"$H frobnicate", "\"frobnicate\": no such command of hdt\n"},
+        {"$H ident --fitt x", "\"--fitt\": no such option of hdt ident; did you mean --fit?"},
+        {"$H ident --fitt=x", "\"--fitt\": no such option"},
+        {"$H sim --arm $A --out x.csv --efect a=1", "\"--efect\": no such option of hdt sim; did you mean "
+                                                    "--effect?"},
+        {"$H sim --arm $A --out x.csv more", "\"more\": not expected by hdt sim"},
+        {"$H log chek x.csv", "\"chek\": no such command of hdt log; did you mean check?"},
+        {"$H ident", "hdt ident: --arm is required"},
+        {"$H", "hdt: A subcommand is required"}};
+    for (const auto &[line, words] : bad)
+        refused(2, line, words);
+}
+END_TEST
+
+START_TEST(test_a_wrong_command_line_is_two)
+{
+    must(run(1, "a.csv", ""));
+    const std::string sim = "$H sim --arm $A --out x.csv --task excite:seed=1,seconds=5 ";
+    const std::string end = " --bus unix:$PWD/no ";
+    const std::string bad[][2] = {
+        {sim + "--mode foo", "--mode: expected torque or velocity, found \"foo\""},
+        {sim + "--format C", "--format: expected A or B"},
+        {sim + "--effect foo=3", "known effects"},
+        {sim + "--effect cable_spring=1@9", "joint 9 of an arm with 7"},
+        {sim + "--effect cable_spring=1:rest=0,rest=1", "option \"rest\" is given twice"},
+        {sim + "--integrator foo", "expected verlet or rk4"},
+        {sim + "--arcnet 3", "--arcnet: expected 10, 5"},
+        {sim + "--arcnet nan", "--arcnet: expected a number from 0 to 10, found 'nan'"},
+        {sim + "--payload -2", "--payload: expected a number from 0 to 1000, found '-2'"},
+        {sim + "--payload nan", "--payload: expected a number from 0 to 1000"},
+        {sim + "--seed 1e3", "--seed: expected a whole number"},
+        {sim + "--seed -1", "--seed: expected a whole number"},
+        {sim + "--seed 99999999999999999999999", "--seed: expected a whole number"},
+        {sim + "--individual -3", "--individual: expected a whole number"},
+        {sim + "--dump d.csv", "--dump: expected a name ending in .lcm"},
+        {"$H sim --arm $A --out x.txt", "x.txt: not a log name"},
+        {"$H sim --arm $A --out a.lcm --dump ./a.lcm", "--dump: ./a.lcm is --out"},
+        {"$H sim --arm $A --out x.csv --task lemon", "lemniscate"},
+        {"$H ident --arm $A --out x.csv --fit a.csv --joints 2,x", "--joints: expected numbers 1 to 16"},
+        {"$H ident --arm $A --out x.csv --fit a.csv --joints ''", "--joints: expected numbers 1 to 16"},
+        {"$H bus unix:no --answer -5", "--answer: expected a number from 0"},
+        {"$H bus unix:no --answer nan", "--answer: expected a number from 0"},
+        {"$H bus unix:no --rate nan", "--rate: expected a number from 1"},
+        {"$H servo --arm $A --seconds -1" + end, "--seconds: expected a number from 0"},
+        {"$H servo --arm $A --seconds nan" + end, "--seconds: expected a number from 0"},
+        {"$H servo --arm $A --bus foo", "foo: not a bus"},
+        {"$H host --model $A --out x.csv --overrun foo" + end, "--overrun: expected count, hold or stop"},
+        {"$H host --model $A --out d.lcm --dump d.lcm" + end, "--dump: d.lcm is --out"},
+        {"$H export $A --out x.csv --format foo", "--format: expected urdf or mjcf"},
+        {"$H log cut a.csv x.csv --to nan", "--to: expected a number"}};
+    for (const auto &[line, words] : bad)
+        refused(2, line, words);
+    // what was right stays right
+    must(sim + "--seed 18446744073709551615 --payload 1.5");
+}
+END_TEST
+
+START_TEST(test_effect_files_are_read_or_refused_by_line)
+{
+    const std::string sim = "$H sim --arm $A --out x.csv --task excite:seed=1,seconds=5 --effect-file ";
+    refused(3, sim + "/tmp", "/tmp: cannot be read: Is a directory");
+    refused(3, sim + "/dev/zero", "/dev/zero: expected a text file");
+    refused(3, sim + "nowhere", "nowhere: cannot be read");
+    spill("f", "# nothing\n\n");
+    refused(3, sim + "f", "f: expected one NAME=SIZE[@JOINT] a line, found none");
+    spill("f", "# two\ncable_spring=8@2\nfoo=3\n");
+    refused(3, sim + "f", "f:3: --effect: expected NAME=SIZE");
+    spill("f", "cable_spring=8@9\n");
+    refused(3, sim + "f", "f:1: --effect cable_spring: joint 9");
+    spill("f", "# DOS\r\n\r\ncable_spring=8@2\r\n");
+    must(sim + "f; mv x.csv a.csv");
+    must("$H sim --arm $A --out x.csv --task excite:seed=1,seconds=5 --effect cable_spring=8@2");
+    must("cmp a.csv x.csv");
+}
+END_TEST
+
+START_TEST(test_a_model_is_not_written_over_itself)
+{
+    must(run(1, "a.csv", "") + "; " + run(2, "b.csv", "") + "; mkdir same; cp $A same/model.toml");
+    for (const char *line : {"$H ident --arm same/model.toml --fit a.csv --out same",
+                             "$H ident --arm ./same/model.toml --fit a.csv --out ./same/",
+                             "$H diagnose --model same/model.toml --fit a.csv --test b.csv --out same"})
+        refused(2, line, "model.toml is the model that is read: expected another", "same/report.html");
+    must("cmp $A same/model.toml");
+}
+END_TEST
+
+START_TEST(test_ident_says_what_it_left_out)
+{
+    must(run(1, "a.csv", "--mode velocity"));
+    hdt::Run less = hdt::read_run(dir + "/a.csv");
+    less.joint[2] = {};
+    hdt::write_run(dir + "/less.csv", less);
+    Result r = must("$H ident --arm $A --fit less.csv --out d");
+    ck_assert_msg(holds(r.out, "joints left out: 3 (no log has"), "%s", r.out.c_str());
+    r = must("$H ident --arm $A --fit less.csv --joints 1,2 --out d");
+    ck_assert_msg(holds(r.out, "joints left out: 3 4 5 6 7 (not in --joints)\n"), "%s", r.out.c_str());
+    ck_assert_msg(holds(r.out, "-      -\n") && !holds(r.out, "nan"), "%s", r.out.c_str());
+}
+END_TEST
+
+START_TEST(test_words_that_cannot_be_written_are_no_success)
+{
+    must(run(1, "a.csv", "") + "; " + run(1, "a.lcm", ""));
+    for (const char *line : {"$H log check a.csv", "$H replay a.lcm", "$H gen $A --out t"}) {
+        Result r = sh(std::string(line) + " >/dev/full");
+        ck_assert_msg(r.code == 3 && holds(r.err, "standard output cannot be written: No space left"),
+                      "%d: %s", r.code, r.err.c_str());
+    }
+    refused(1, "timeout 20 $H top --lcm file://$PWD/a.lcm?speed=0", "hdt top: no status was heard");
 }
 END_TEST
 
@@ -254,6 +385,12 @@ static Suite *commands_suite(void)
     tcase_add_test(t, test_a_run_that_was_cut_says_so);
     tcase_add_test(t, test_a_host_that_was_late_says_so_and_is_not_ok);
     tcase_add_test(t, test_log_check_says_what_ident_would);
+    tcase_add_test(t, test_misspelt_words_are_named_with_the_nearest);
+    tcase_add_test(t, test_a_wrong_command_line_is_two);
+    tcase_add_test(t, test_effect_files_are_read_or_refused_by_line);
+    tcase_add_test(t, test_a_model_is_not_written_over_itself);
+    tcase_add_test(t, test_ident_says_what_it_left_out);
+    tcase_add_test(t, test_words_that_cannot_be_written_are_no_success);
     suite_add_tcase(s, t);
     return s;
 }

@@ -90,7 +90,7 @@ START_TEST(test_numbered_family_takes_names_numbers_and_lists_per_joint)
         "joints = 2\n[columns]\nt_s = { column = \"t\" }\n"
         "\"q{j}_rad\" = { column = \"p{j}\", scale = [1, 10], offset = [0, 1], sign = [1, -1] }\n"
         "\"tau{j}_nm\" = { column = 4 }\n");
-    const Run run = hdt::convert_run(by_name, put("n.csv", "t,p1,p2,x,y\r\n0,1,2,3,4\r\n1,5,6,7,8"));
+    const Run run = hdt::convert_run(by_name, put("n.csv", "t,p1,p2,x,y\r\n0,1,2,3,4\r\n1,5,6,7,8\r\n"));
     ck_assert_double_eq(run.joint[0].q_rad[1], 5);
     ck_assert_double_eq(run.joint[1].q_rad[1], -60 + 1);
     ck_assert_double_eq(run.joint[0].tau_nm[0], 3);
@@ -121,7 +121,7 @@ START_TEST(test_files_of_one_value_a_line_are_put_in_rows)
         "\"q{j}_rad\" = { file = \"q\", column = 1 }\n"
         "\"tau{j}_nm\" = { file = \"tau\", column = 1 }\n");
     put("t.txt", "0\n1\n2\n");
-    const std::string q = put("q.txt", "1\n2\n3\n4\n5\n6");
+    const std::string q = put("q.txt", "1\n2\n3\n4\n5\n6\n");
     put("tau.txt", "10 20\n30   40 \n 50 60\n");
     for (const std::string &foreign : {scratch_dir(), q}) {
         const Run run = hdt::convert_run(map, foreign);
@@ -257,6 +257,7 @@ START_TEST(test_bad_foreign_table_is_refused_with_its_line)
         {"", "t.csv: expected a header line, found an empty file"},
         {"t,q,tau\n0,1,2\n1,1\n", "t.csv:3: expected 3 fields as in the header, found 2"},
         {"t,q,tau\n0,1,2,3\n", "t.csv:2: expected 3 fields as in the header, found 4"},
+        {"t,q,tau\n0,1,2\n1,1,2", "t.csv:3: the file ends inside a line"},
         {"t,q,tau\n0,1,2\n0,1,2\n", "t.csv:3: time must advance"},
         {"t,q,tau\n0,1,2\n\n-1,1,2\n", "t.csv:4: time must advance"},
         {"t,q,tau\n", "t.csv: expected more than 0 rows, found 0"},

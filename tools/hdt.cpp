@@ -1,12 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // `hdt`: one command, a subcommand per job.
+#include <cerrno>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <unistd.h>
 
 #include "ctrl/hdt.h"
+#include "model/arm_document.hpp"
+#include "model/text.hpp"
 #include "tools/hdt_cli.hpp"
 
 namespace hdt::cli {
@@ -78,7 +83,7 @@ std::vector<int> parse_joints(const std::string &text)
             used = 0;
         }
         if (part.empty() || used != part.size() || joint < 1 || joint > HDT_JOINTS_MAX)
-            throw InputError("--joints: expected numbers 1 to 16 with commas, as in 2,4; found \"" + text +
+            throw UsageError("--joints: expected numbers 1 to 16 with commas, as in 2,4; found \"" + text +
                              "\"");
         joints.push_back(joint);
         if (end == std::string::npos)
@@ -88,13 +93,58 @@ std::vector<int> parse_joints(const std::string &text)
     return joints;
 }
 
+CLI::Validator between(double least, double most)
+{
+    std::string range;
+    append_number(range, least);
+    range += " to ";
+    append_number(range, most);
+    return CLI::Validator(
+        [=](std::string &text) {
+            double value = 0;
+            const bool good = parse_number(text, value) && value >= least && value <= most;
+            return good ? std::string() : "expected a number from " + range + ", found " + shown(text);
+        },
+        range);
+}
+
+CLI::Validator whole_number()
+{
+    return CLI::Validator(
+        [](std::string &text) {
+            errno = 0;
+            const bool digits = !text.empty() && text.find_first_not_of("0123456789") == std::string::npos;
+            (void)std::strtoull(text.c_str(), nullptr, 10);
+            return digits && errno == 0 ? std::string()
+                                        : "expected a whole number from 0 to 18446744073709551615, found " +
+                                              shown(text);
+        },
+        "");
+}
+
+CLI::Validator joint_list()
+{
+    return CLI::Validator(
+        [](std::string &text) {
+            try {
+                if (!parse_joints(text).empty())
+                    return std::string();
+            } catch (const UsageError &) {
+                // said below
+            }
+            return "expected numbers 1 to 16 with commas, as in 2,4; found " + shown(text);
+        },
+        "");
+}
+
 bool same_file(const std::string &a, const std::string &b)
 {
     namespace fs = std::filesystem;
     std::error_code no;
     if (a.empty() || b.empty())
         return false;
-    return fs::equivalent(a, b, no) || fs::weakly_canonical(a, no) == fs::weakly_canonical(b, no);
+    return fs::equivalent(a, b, no) ||
+           fs::weakly_canonical(fs::absolute(a), no) == fs::weakly_canonical(fs::absolute(b), no);
 }
 
 void make_directory(const std::string &path)
@@ -105,6 +155,62 @@ void make_directory(const std::string &path)
         throw InputError(path + ": cannot make this directory: " +
                          (error ? error.message() : std::string("a file is in the way")));
 }
+
+namespace {
+
+// The command the line has come to: hdt itself, or the innermost subcommand.
+const CLI::App *command_of(const CLI::App *app)
+{
+    for (auto inner = app->get_subcommands(); !inner.empty(); inner = app->get_subcommands())
+        app = inner.front();
+    return app;
+}
+
+// What is no word of this command: misspelt options before what may be their values.  "" for none.
+std::string unknown_word(const CLI::App *app)
+{
+    const std::vector<std::string> words = app->remaining(true);
+    for (const std::string &word : words)
+        if (word.size() > 1 && word[0] == '-')
+            return word.substr(0, word.find('='));
+    return words.empty() ? "" : words.front();
+}
+
+std::vector<std::string> words_of(const CLI::App *command, bool options)
+{
+    std::vector<std::string> names;
+    if (options)
+        for (const CLI::Option *option : command->get_options())
+            for (const std::string &name : option->get_lnames())
+                names.push_back("--" + name);
+    else
+        for (const CLI::App *sub : command->get_subcommands([](const CLI::App *) { return true; }))
+            names.push_back(sub->get_name());
+    return names;
+}
+
+// A misspelt word is at fault also where CLI11 first misses what the word should have given.
+std::string failure_message(const CLI::App *app, const CLI::Error &error)
+{
+    const CLI::App *command = command_of(app);
+    const std::string word = unknown_word(app);
+    const std::string name = command == app ? "hdt" : "hdt " + command->get_name();
+    const std::string help = "\nRun " + name + " --help for more information.\n";
+    const bool spelling = dynamic_cast<const CLI::RequiredError *>(&error) != nullptr ||
+                          dynamic_cast<const CLI::ExtrasError *>(&error) != nullptr;
+    if (!spelling || word.empty())
+        return name + ": " + error.what() + help;
+    const bool option = word[0] == '-';
+    const std::vector<std::string> known = words_of(command, option);
+    const std::string near = arm::nearest_of(word.substr(0, 64), known);
+    const char *what = option          ? "no such option of "
+                       : known.empty() ? "not expected by "
+                                       : "no such command of ";
+    return "\"" + printable(word) + "\": " + what + name +
+           (near.empty() ? "" : "; did you mean " + near + "?") + help;
+}
+
+} // namespace
 
 } // namespace hdt::cli
 
@@ -119,6 +225,7 @@ int main(int argc, char **argv)
                                           std::to_string(HDT_VERSION_MINOR) + "." +
                                           std::to_string(HDT_VERSION_PATCH));
     app.require_subcommand(1);
+    app.failure_message(failure_message);
     add_sim(app, code);
     add_servo(app, code);
     add_host(app, code);
@@ -138,11 +245,16 @@ int main(int argc, char **argv)
         app.parse(argc, argv);
     } catch (const CLI::ParseError &e) {
         return app.exit(e) == 0 ? Ok : Usage;
-    } catch (const UsageError &e) {
+    } catch (const hdt::UsageError &e) {
         std::fprintf(stderr, "hdt: %s\n", e.what());
         return Usage;
     } catch (const std::exception &e) {
         std::fprintf(stderr, "hdt: %s\n", e.what());
+        return BadInput;
+    }
+    // a full disk or a closed pipe behind our words is no success
+    if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) {
+        std::fprintf(stderr, "hdt: standard output cannot be written: %s\n", std::strerror(errno));
         return BadInput;
     }
     return code;

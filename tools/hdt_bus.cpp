@@ -15,6 +15,7 @@
 #include "sim/canwire.h"
 #include "tools/hdt_bus_rate.hpp"
 #include "tools/hdt_cli.hpp"
+#include "tools/hdt_format.hpp"
 #include "tools/hdt_rig.hpp"
 
 namespace hdt::cli {
@@ -52,7 +53,7 @@ std::vector<Wire> arcnet_ways(const BusOptions &o, Lengths len)
     for (double mbps : o.mbps > 0 ? std::vector<double>{o.mbps} : std::vector<double>{2.5, 5, 10}) {
         arcnet_line line = {arcnet_bit_ns(mbps), 0};
         if (line.bit_ns == 0)
-            throw InputError("--bitrate: expected a rate of ARCNET, 10, 5, 2.5, 1.25, ... 0.15625 Mbit/s; "
+            throw UsageError("--bitrate: expected a rate of ARCNET, 10, 5, 2.5, 1.25, ... 0.15625 Mbit/s; "
                              "found " +
                              rate_name(mbps));
         auto us = [](uint64_t ns) { return static_cast<double>(ns) * 1e-3; };
@@ -293,13 +294,9 @@ int run(const BusOptions &given)
     end_in_good_order();
     BusOptions o = with_rates(given);
     if (o.format != "A" && o.format != "B")
-        throw InputError("--format: expected A or B, found " + o.format);
+        throw UsageError("--format: expected A or B, found " + o.format);
     bool b = o.format == "B";
-    bool known = false;
-    for (const char *kind : {"unix:", "can:", "isotp:", "arcnet:"})
-        known = known || o.bus.rfind(kind, 0) == 0;
-    if (!known)
-        throw InputError(o.bus + ": not a bus: expected unix:PATH, can:IFACE, isotp:IFACE or arcnet:IFACE");
+    check_bus_name(o.bus);
     Lengths len = b ? Lengths{DRV_COMMAND_LEN_B, DRV_STATE_LEN_B} : Lengths{DRV_COMMAND_LEN, DRV_STATE_LEN};
     std::printf("%s: telegrams of Format %s, %u bytes down, %u up\n", o.bus.c_str(), o.format.c_str(),
                 len.down, len.up);
@@ -335,20 +332,21 @@ void add_bus(CLI::App &app, int &code)
     sub->add_option("bus", o->bus, "unix:PATH, can:IFACE, isotp:IFACE or arcnet:IFACE")->required();
     sub->add_option("--rate", o->rate_hz, "of the control loop, Hz")
         ->capture_default_str()
-        ->check(CLI::Range(1.0, 20000.0));
+        ->check(between(1.0, 20000.0));
     sub->add_option("--seconds", o->seconds, "to try the link; 0: only say what fits")
         ->capture_default_str()
-        ->check(CLI::Range(0.0, 3600.0));
+        ->check(between(0.0, 3600.0));
     sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")
         ->capture_default_str();
     sub->add_option("--bitrate", o->mbps,
                     "the line's, Mbit/s, to be judged; default: what a CAN interface is set to, else the "
                     "usual ones")
-        ->check(CLI::Range(0.01, 100.0));
+        ->check(between(0.01, 100.0));
     sub->add_option("--data-bitrate", o->data_mbps, "of CAN FD's data phase, Mbit/s; default: classical CAN")
-        ->check(CLI::Range(0.01, 100.0));
+        ->check(between(0.01, 100.0));
     sub->add_option("--answer", o->answer_us, "us the servo driver takes at most; default: one of its ticks")
-        ->capture_default_str();
+        ->capture_default_str()
+        ->check(between(0.0, 1e6));
     sub->callback([o, &code] { code = run(*o); });
 }
 

@@ -11,13 +11,9 @@
 #include <string>
 
 #include "model/arm_file.hpp"
+#include "tools/usage_error.hpp"
 
 namespace hdt::cli {
-
-// The command line itself is wrong: exit code 2, where InputError is 3.
-struct UsageError : InputError {
-    using InputError::InputError;
-};
 
 enum Exit { Ok = 0, No = 1, Usage = 2, BadInput = 3 };
 
@@ -55,7 +51,12 @@ private:
     bool tty_;
 };
 
-// Expands "2,4" to joint numbers; throws InputError.
+// For CLI::Option::check: a finite number from least to most; a whole one from 0 to 2^64 - 1; joints.
+CLI::Validator between(double least, double most);
+CLI::Validator whole_number();
+CLI::Validator joint_list();
+
+// Expands "2,4" to joint numbers, "" to none; throws UsageError.
 std::vector<int> parse_joints(const std::string &text);
 
 // True when the two names are of one file, there or not yet; "" is none.

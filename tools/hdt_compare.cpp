@@ -4,7 +4,6 @@
 // what was named against what was hidden, for those who know.
 #include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <memory>
 
 #include <nlohmann/json.hpp>
@@ -202,20 +201,12 @@ Diagnosed read_diagnosis(const std::string &path)
                          what.substr(std::min(what.size(), what.find(']') + 2)));
     }
     for (const Named &n : d.joints)
-        if (n.verdict != "named" && n.verdict != "unnamed" && n.verdict != "suspect" && n.verdict != "nothing")
+        if (n.verdict != "named" && n.verdict != "unnamed" && n.verdict != "suspect" &&
+            n.verdict != "nothing")
             throw InputError(path + ": joint " + std::to_string(n.joint) +
                              ": verdict: expected named, unnamed, suspect or nothing, found " +
                              shown(n.verdict));
     return d;
-}
-
-std::string first_line(const std::string &path)
-{
-    std::ifstream file(path);
-    std::string line;
-    if (!std::getline(file, line))
-        throw InputError(path + ": expected the hidden effect on its first line, found nothing");
-    return line;
 }
 
 // "named" when the diagnosis lists it first for its joint (payload: for any), "in the set" when
@@ -356,7 +347,8 @@ int run(const CompareOptions &o)
     if (!o.diagnosis.empty())
         diagnosis = read_diagnosis(o.diagnosis);
     if (!o.hidden.empty()) {
-        std::string hidden = first_line(o.hidden), found = judge(diagnosis.json, rig::parse_effect(hidden));
+        std::string hidden = rig::effect_lines(o.hidden).front().second;
+        std::string found = judge(diagnosis.json, rig::parse_effect(hidden));
         verdict = "Hidden in the arm: " + hidden + ". The diagnosis: " + found + ". " + verdict;
     }
     bool better = b.feedback_share <= a.feedback_share;

@@ -5,11 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <fstream>
 #include <functional>
 #include <limits>
 
-#include "model/arm_file.hpp"
+#include "model/text.hpp"
+#include "tools/usage_error.hpp"
 
 namespace hdt::rig {
 
@@ -360,6 +360,8 @@ void parse_options(const EffectKind &kind, const std::string &text, HiddenEffect
         if (!known_option(kind, key) || key.size() == pair.size())
             throw InputError("--effect " + e->name + ": unknown option \"" + pair + "\"; the effects are:\n" +
                              effect_menu());
+        if (std::any_of(e->options.begin(), e->options.end(), [&](const auto &o) { return o.first == key; }))
+            throw InputError("--effect " + e->name + ": option \"" + key + "\" is given twice");
         e->options.emplace_back(key, parse_number(pair.substr(key.size() + 1), e->name + ":" + key));
         from = comma + 1;
     }
@@ -474,16 +476,34 @@ void hide(plant_model &plant, const hdt_arm &arm, const HiddenEffect &effect)
 void hide_all(plant_model &plant, const hdt_arm &arm, const std::vector<std::string> &effects,
               const std::string &effect_file)
 {
-    for (const std::string &text : effects)
-        hide(plant, arm, parse_effect(text));
+    try {
+        for (const std::string &text : effects)
+            hide(plant, arm, parse_effect(text));
+    } catch (const InputError &e) {
+        throw UsageError(e.what());
+    }
     if (effect_file.empty())
         return;
-    std::ifstream file(effect_file);
-    if (!file)
-        throw InputError(effect_file + ": cannot be read (expected one NAME=SIZE[@JOINT] a line)");
-    for (std::string line; std::getline(file, line);)
-        if (!line.empty() && line[0] != '#')
-            hide(plant, arm, parse_effect(line));
+    for (const auto &[number, text] : effect_lines(effect_file)) {
+        try {
+            hide(plant, arm, parse_effect(text));
+        } catch (const InputError &e) {
+            throw InputError(at(effect_file, number) + ": " + e.what());
+        }
+    }
+}
+
+std::vector<std::pair<std::size_t, std::string>> effect_lines(const std::string &path)
+{
+    const std::string bytes = read_text(path);
+    std::vector<std::pair<std::size_t, std::string>> effects;
+    LineReader lines(bytes);
+    for (std::string_view line; lines.next(line);)
+        if (line = trim(line); !line.empty() && line[0] != '#')
+            effects.emplace_back(lines.number(), line);
+    if (effects.empty())
+        throw InputError(path + ": expected one NAME=SIZE[@JOINT] a line, found none");
+    return effects;
 }
 
 void add_payload(plant_model &plant, const hdt_arm &arm, double mass_kg, const double *com_m)

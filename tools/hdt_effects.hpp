@@ -34,7 +34,11 @@ std::vector<std::string> effect_names();
 // Put an effect into the plant.  Throws InputError when it does not fit.
 void hide(plant_model &plant, const hdt_arm &arm, const HiddenEffect &effect);
 
-// From options and from a file of one effect a line ("" for none; # begins a comment).
+// A file's effects, one a line, with the numbers of their lines; # begins a comment.  Throws InputError,
+// also when there is none.
+std::vector<std::pair<std::size_t, std::string>> effect_lines(const std::string &path);
+
+// From options (throws UsageError) and from a file ("" for none; throws InputError with file and line).
 void hide_all(plant_model &plant, const hdt_arm &arm, const std::vector<std::string> &effects,
               const std::string &effect_file);
 

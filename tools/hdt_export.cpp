@@ -23,7 +23,7 @@ ExportFormat format_of(const std::string &text)
         return ExportFormat::Urdf;
     if (text == "mjcf")
         return ExportFormat::Mjcf;
-    throw InputError("--format: expected urdf or mjcf, found \"" + text + "\"");
+    throw UsageError("--format: expected urdf or mjcf, found \"" + text + "\"");
 }
 
 int run_export(const ExportArguments &a)

@@ -17,15 +17,24 @@
 
 namespace hdt::cli {
 
-// "A" or "B".  Throws InputError; also where the bus cannot carry the format.
+// Throws UsageError for what is no address of a bus.
+inline void check_bus_name(const std::string &bus)
+{
+    for (const char *kind : {"unix:", "can:", "isotp:", "arcnet:"})
+        if (bus.rfind(kind, 0) == 0)
+            return;
+    throw UsageError(bus + ": not a bus: expected unix:PATH, can:IFACE, isotp:IFACE or arcnet:IFACE");
+}
+
+// "A" or "B".  Throws UsageError; also where the bus cannot carry the format.
 inline drv_format format_of(const std::string &text, const std::string &bus)
 {
     if (text != "A" && text != "B")
-        throw InputError("--format: expected A or B, found " + text);
+        throw UsageError("--format: expected A or B, found " + text);
     const drv_format format = text == "B" ? DRV_FORMAT_B : DRV_FORMAT_A;
     char error[300];
     if (drv_telegram_fits(format, bus.c_str(), error, sizeof error) != DRV_TELEGRAM_OK)
-        throw InputError(error);
+        throw UsageError(error);
     return format;
 }
 

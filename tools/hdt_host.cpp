@@ -40,10 +40,10 @@ drv_rt_cfg rt_options(const HostOptions &o, uint32_t period_ns)
     else if (o.overrun == "stop")
         cfg.overrun = DRV_OVERRUN_STOP;
     else if (o.overrun != "count")
-        throw InputError("--overrun: expected count, hold or stop, found " + o.overrun);
+        throw UsageError("--overrun: expected count, hold or stop, found " + o.overrun);
     cfg.overrun_limit = o.overrun_limit;
     if (o.follow_us * 1000 >= period_ns)
-        throw InputError("--follow-bus: expected less than the period of " +
+        throw UsageError("--follow-bus: expected less than the period of " +
                          std::to_string(period_ns / 1000) + " us, found " + std::to_string(o.follow_us));
     cfg.follow_lead_ns = static_cast<uint32_t>(o.follow_us * 1000);
     return cfg;
@@ -234,8 +234,11 @@ drv_run run_of(const hdt_tables &tables, const hdt_arm &model)
 int run(const HostOptions &o)
 {
     end_in_good_order();
+    if (same_file(o.out, o.dump))
+        throw UsageError("--dump: " + o.dump + " is --out: expected two files");
+    check_bus_name(o.bus);
     hdt_arm model = rig::load_arm(o.model);
-    Reference reference = make_task(model, o.task, model.control_rate_hz);
+    Reference reference = rig::task_of(model, o.task);
     rig::FixedReference fixed(reference);
     hdt_tables tables = rig::tables_of(model);
     drv_host_cfg cfg = {};
@@ -251,7 +254,7 @@ int run(const HostOptions &o)
         throw InputError(error);
     if (rt_cfg.follow_lead_ns != 0 && bus.health == nullptr) {
         hdt_bus_close(&bus);
-        throw InputError("--follow-bus: " + o.bus + " does not say when a telegram came: expected can:, "
+        throw UsageError("--follow-bus: " + o.bus + " does not say when a telegram came: expected can:, "
                          "isotp: or arcnet:");
     }
 
@@ -321,14 +324,14 @@ void add_host(CLI::App &app, int &code)
     sub->add_option("--follow-bus", o->follow_us,
                     "follow the clock of a servo that answers at ticks of its own: periods start so many us\n"
                     "before them; the rate changes by 0.2 % at most. Not for one that answers at once")
-        ->check(CLI::Range(1.0, 1e6));
+        ->check(between(1.0, 1e6));
     CLI::Option *telemetry =
         sub->add_option("--telemetry", o->telemetry,
                         "publish over LCM, for hdt top, lcm-spy, lcm-logger; address: udpm:, file:, memq:\n"
                         "(default: LCM_DEFAULT_URL, or LCM's own)")
             ->expected(0, 1);
     sub->add_option("--telemetry-rate", o->telemetry_hz, "periods published a second, at most")
-        ->capture_default_str()->check(CLI::Range(0.1, 10000.0));
+        ->capture_default_str()->check(between(0.1, 10000.0));
     sub->callback([o, telemetry, &code] {
         if (o->overrun == "hold" && !o->operated)
             throw CLI::ValidationError("--overrun", "hold waits for somebody to say go: expected --operator "

@@ -138,7 +138,7 @@ void convert_events(const LogOptions &o)
     if (more < 0)
         throw InputError(drv_reader_error(reader.get()));
     if (!rows)
-        throw InputError(o.in + ": expected periods with a state of the servo, found none: nothing to convert");
+        throw InputError(o.in + ": expected periods with a state of the servo, found none");
 }
 
 void convert(const LogOptions &o)
@@ -153,7 +153,7 @@ void convert(const LogOptions &o)
         throw UsageError(o.in + ": is no LCM event log of hdt: a foreign table needs a map, --map MAP.toml "
                                 "(docs/formats.md, \"Import map\")");
     if (o.terms)
-        throw UsageError("--terms: only an event log has torques by term, a foreign table has what --map says");
+        throw UsageError("--terms: only an event log has torques by term, a foreign table what --map says");
     const Run run = convert_run(o.map, o.in);
     write_run(o.out, run);
     say(run);
@@ -176,8 +176,9 @@ void add_log(CLI::App &app, int &code)
     CLI::App *cut = sub->add_subcommand("cut", "a part of a log, as a log");
     cut->add_option("log", o->in)->required();
     cut->add_option("out", o->out)->required();
-    cut->add_option("--from", o->from_s, "first second kept, from the log's beginning");
-    cut->add_option("--to", o->to_s, "first second not kept");
+    cut->add_option("--from", o->from_s, "first second kept, from the log's beginning")
+        ->check(between(-1e9, 1e9));
+    cut->add_option("--to", o->to_s, "first second not kept")->check(between(-1e9, 1e9));
     cut->callback([o, &code] {
         check_out(*o);
         Run run = read_run(o->in);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 //
 // `hdt ident`, `hdt diagnose`, `hdt gen`: from logs to a model, from a model to tables.
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <memory>
 
@@ -32,6 +34,48 @@ std::vector<Run> read_runs(const std::vector<std::string> &paths)
         runs.push_back(read_run(path));
     }
     return runs;
+}
+
+// The model that is read is not the one that is written.
+void check_out(const FitOptions &o)
+{
+    if (same_file(o.model, o.out + "/model.toml"))
+        throw UsageError("--out: " + o.out + "/model.toml is the model that is read: expected another "
+                         "directory");
+}
+
+// In one line, which of the arm's joints are not in the result, and why.
+void say_left_out(const hdt_arm &arm, const std::vector<int> &in, const std::vector<int> &asked,
+                  const std::vector<Run> &fit)
+{
+    std::string unasked, unlogged, other;
+    const auto holds = [](const std::vector<int> &list, int j) {
+        return std::find(list.begin(), list.end(), j) != list.end();
+    };
+    for (int j = 1; j <= arm.joints; j++) {
+        const auto at = static_cast<std::size_t>(j - 1);
+        const bool logged = std::any_of(fit.begin(), fit.end(), [&](const Run &run) {
+            return at < run.joint.size() && run.joint[at].present;
+        });
+        if (holds(in, j))
+            continue;
+        std::string &why = !asked.empty() && !holds(asked, j) ? unasked : logged ? other : unlogged;
+        why += " " + std::to_string(j);
+    }
+    if ((unasked + unlogged + other).empty())
+        return;
+    std::printf("joints left out:%s\n",
+                ((unasked.empty() ? "" : unasked + " (not in --joints)") +
+                 (unlogged.empty() ? "" : unlogged + " (no log has their position and torque)") +
+                 (other.empty() ? "" : other + " (their rows do not tell: see the report)")).c_str());
+}
+
+// A number of the held-out runs; "-" without such.
+std::string held_out(double nm)
+{
+    char text[32];
+    std::snprintf(text, sizeof text, "%.3f", nm);
+    return std::isfinite(nm) ? text : "-";
 }
 
 // A run given twice would weigh double, count as a run more, or be held out from itself.
@@ -69,6 +113,7 @@ void check_columns(const ArmFile &arm, const std::vector<Run> &fit, const std::v
 
 int run_ident(const FitOptions &o)
 {
+    check_out(o);
     ArmFile arm = ArmFile::load(o.model);
     std::vector<Run> fit = read_runs(o.fit), test = read_runs(o.test);
     check_different(fit, test);
@@ -83,8 +128,12 @@ int run_ident(const FitOptions &o)
     }
     std::printf("joint   fit rms before  after    held out before  after   N.m\n");
     for (const JointFit &j : result.joints)
-        std::printf("%5d %15.3f %6.3f %18.3f %6.3f\n", j.joint, j.rms_before_nm, j.rms_after_nm,
-                    j.held_out_before_nm, j.held_out_after_nm);
+        std::printf("%5d %15.3f %6.3f %18s %6s\n", j.joint, j.rms_before_nm, j.rms_after_nm,
+                    held_out(j.held_out_before_nm).c_str(), held_out(j.held_out_after_nm).c_str());
+    std::vector<int> in;
+    for (const JointFit &j : result.joints)
+        in.push_back(j.joint);
+    say_left_out(arm.arm(), in, options.joints, fit);
     for (const std::string &note : result.notes)
         std::printf("note: %s\n", note.c_str());
     std::printf("model: %s/model.toml   report: %s/report.html\n", o.out.c_str(), o.out.c_str());
@@ -93,6 +142,7 @@ int run_ident(const FitOptions &o)
 
 int run_diagnose(const FitOptions &o)
 {
+    check_out(o);
     ArmFile arm = ArmFile::load(o.model);
     std::vector<Run> fit = read_runs(o.fit), test = read_runs(o.test);
     check_different(fit, test);
@@ -148,7 +198,7 @@ void add_ident(CLI::App &app, int &code)
     sub->add_option("--arm", o->model, "model file to start from")->required();
     sub->add_option("--fit", o->fit, "logs to fit")->required();
     sub->add_option("--test", o->test, "logs held out");
-    sub->add_option("--joints", o->joints, "only these, as in 2,4");
+    sub->add_option("--joints", o->joints, "only these, as in 2,4")->check(joint_list());
     sub->add_option("--out", o->out, "directory for model.toml, ident.json, report.html")->required();
     sub->add_flag("--accept-log", o->accept_log, accept_log_help);
     sub->callback([o, &code] { code = run_ident(*o); });
@@ -162,7 +212,7 @@ void add_diagnose(CLI::App &app, int &code)
     sub->add_option("--model", o->model, "model file, identified")->required();
     sub->add_option("--fit", o->fit, "logs to look at")->required();
     sub->add_option("--test", o->test, "logs held out for the before and after")->required();
-    sub->add_option("--joints", o->joints, "only these, as in 2,4");
+    sub->add_option("--joints", o->joints, "only these, as in 2,4")->check(joint_list());
     sub->add_flag("--few-runs", o->few_runs,
                   "let fewer than four runs name what takes 15 % off the held-out error, and adopt it");
     sub->add_option("--out", o->out, "directory for diagnosis.json, model.toml, report.html")->required();

@@ -71,8 +71,9 @@ void add_paper(CLI::App &app, int &code)
                     "trials of friction and repetitions of closed loops")->capture_default_str()
         ->check(CLI::Range(2, 100));
     sub->add_option("--individual", o->individual, "which specimen of the arm; 0 has the file's friction "
-                                                   "exactly")->capture_default_str();
-    sub->add_option("--seed", o->seed, "noise and scatter of all runs")->capture_default_str();
+                                                   "exactly")->capture_default_str()->check(whole_number());
+    sub->add_option("--seed", o->seed, "noise and scatter of all runs")
+        ->capture_default_str()->check(whole_number());
     sub->add_option("--workers", o->workers, "runs at once")->capture_default_str()->check(CLI::Range(1, 64));
     sub->callback([o, &code] { code = run(*o); });
 }

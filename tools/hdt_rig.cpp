@@ -9,8 +9,8 @@
 #include <random>
 
 #include "driver/drv_rt.h"
-#include "model/arm_file.hpp"
 #include "tools/hdt_effects.hpp"
+#include "tools/usage_error.hpp"
 
 namespace hdt::rig {
 
@@ -163,10 +163,24 @@ uint32_t mode_of(const std::string &text)
         return HDT_MODE_TORQUE;
     if (text == "velocity")
         return HDT_MODE_VELOCITY;
-    throw InputError("--mode: expected torque or velocity, found \"" + text + "\"");
+    throw UsageError("--mode: expected torque or velocity, found \"" + text + "\"");
+}
+
+Reference task_of(const hdt_arm &arm, const std::string &text)
+{
+    try {
+        return make_task(arm, text, arm.control_rate_hz);
+    } catch (const InputError &e) {
+        throw UsageError(e.what());
+    }
 }
 
 namespace {
+
+bool ends_in(const std::string &path, const std::string &end)
+{
+    return path.size() > end.size() && path.compare(path.size() - end.size(), end.size(), end) == 0;
+}
 
 drv_writer_cfg writer_cfg(const hdt_tables &tables, const hdt_arm &arm, const std::vector<std::string> &head,
                           std::vector<const char *> *constants)
@@ -187,6 +201,8 @@ drv_writer_cfg writer_cfg(const hdt_tables &tables, const hdt_arm &arm, const st
 drv_writer *open_log(const std::string &path, const hdt_tables &tables, const hdt_arm &arm,
                      const std::vector<std::string> &head, bool terms)
 {
+    if (!ends_in(path, ".csv") && !ends_in(path, ".lcm"))
+        throw UsageError(path + ": not a log name: expected one ending in .csv or .lcm");
     std::vector<const char *> constants;
     drv_writer_cfg cfg = writer_cfg(tables, arm, head, &constants);
     cfg.terms = terms;
@@ -201,8 +217,8 @@ FaultDump::FaultDump(std::string path, drv_cycle *cycle) : path_(std::move(path)
 {
     if (path_.empty())
         return;
-    if (path_.size() < 5 || path_.substr(path_.size() - 4) != ".lcm")
-        throw InputError("--dump: expected a name ending in .lcm, found " + path_);
+    if (!ends_in(path_, ".lcm"))
+        throw UsageError("--dump: expected a name ending in .lcm, found " + path_);
     slots_.resize(2048); // between 1.5 and 3 seconds of periods
     dump_ = std::make_unique<drv_dump>();
     drv_dump_init(dump_.get(), slots_.data(), static_cast<unsigned>(slots_.size()), &cycle->core);

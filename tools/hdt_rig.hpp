@@ -42,9 +42,12 @@ private:
     std::vector<hdt_radps2_t> a_;
 };
 
-uint32_t mode_of(const std::string &text);     // "torque", "velocity"; throws InputError
+uint32_t mode_of(const std::string &text);     // "torque", "velocity"; throws UsageError
 
-// A log writer for this arm; head: "key = value" lines.  Throws InputError.
+// What --task names, at the arm's control rate; throws UsageError.
+Reference task_of(const hdt_arm &arm, const std::string &text);
+
+// A log writer for this arm; head: "key = value" lines.  Throws InputError, UsageError for the name.
 drv_writer *open_log(const std::string &path, const hdt_tables &tables, const hdt_arm &arm,
                      const std::vector<std::string> &head, bool terms);
 

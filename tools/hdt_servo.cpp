@@ -77,12 +77,13 @@ servo_cfg options_of(const ServoOptions &o, const hdt_arm &arm)
 int run(const ServoOptions &o)
 {
     end_in_good_order();
+    check_bus_name(o.bus);
     hdt_arm arm = rig::load_arm(o.arm);
     plant_model plant = rig::plant_from_arm(arm, o.individual);
     rig::hide_all(plant, arm, o.effects, o.effect_file);
     Eigen::VectorXd start = Eigen::VectorXd::Zero(arm.joints);
     if (!o.task.empty())
-        start = make_task(arm, o.task, arm.control_rate_hz).q_rad.row(0);
+        start = rig::task_of(arm, o.task).q_rad.row(0);
     auto driver = std::make_unique<servo>();
     servo_cfg options = options_of(o, arm);
     servo_init(driver.get(), &plant, &options, start.data(), o.seed);
@@ -108,18 +109,19 @@ void add_servo(CLI::App &app, int &code)
     sub->add_option("--effect", o->effects,
                     "hide an effect in the plant: NAME=SIZE[@JOINT][:key=value,...]\n" + rig::effect_menu());
     sub->add_option("--effect-file", o->effect_file, "hide the effects in this file, one a line");
-    sub->add_option("--seed", o->seed, "noise and scatter")->capture_default_str();
+    sub->add_option("--seed", o->seed, "noise and scatter")->capture_default_str()->check(whole_number());
     sub->add_option("--individual", o->individual,
                     "which specimen of the arm; 0 has the file's friction exactly")
-        ->capture_default_str();
+        ->capture_default_str()->check(whole_number());
     sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")
         ->capture_default_str();
     sub->add_option("--watchdog", o->watchdog_s,
                     "s without a command until all brakes are on (default: 0.4 in A, 0.01 in B)")
-        ->check(CLI::Range(0.001, 3600.0));
+        ->check(between(0.001, 3600.0));
     sub->add_option("--emergency-stop", o->emergency_s, "press the emergency stop after so many s")
-        ->check(CLI::Range(0.001, 1e6));
-    sub->add_option("--seconds", o->seconds, "stop after this long (default: at Ctrl-C)");
+        ->check(between(0.001, 1e6));
+    sub->add_option("--seconds", o->seconds, "stop after this long (default: at Ctrl-C)")
+        ->check(between(0.0, 1e9));
     sub->callback([o, &code] { code = run(*o); });
 }
 

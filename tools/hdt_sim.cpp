@@ -54,7 +54,7 @@ bool play(rig::World &world, drv_writer *writer, unsigned samples)
 void integrate_by(const std::string &name, plant_model *plant)
 {
     if (name != "verlet" && name != "rk4")
-        throw InputError("--integrator: expected verlet or rk4, found " + name);
+        throw UsageError("--integrator: expected verlet or rk4, found " + name);
     plant->integrator = name == "rk4" ? PLANT_RK4 : PLANT_VERLET;
     plant->step_s = 0;
     const char *why = nullptr;
@@ -65,6 +65,8 @@ void integrate_by(const std::string &name, plant_model *plant)
 int run(const SimOptions &o)
 {
     end_in_good_order();
+    if (same_file(o.out, o.dump))
+        throw UsageError("--dump: " + o.dump + " is --out: expected two files");
     hdt_arm arm = rig::load_arm(o.arm);
     hdt_arm model = o.model.empty() ? arm : rig::load_arm(o.model);
     if (model.joints != arm.joints)
@@ -77,7 +79,7 @@ int run(const SimOptions &o)
             a->payload_com_m[2] = 0.05;
         }
     }
-    Reference reference = make_task(model, o.task, model.control_rate_hz);
+    Reference reference = rig::task_of(model, o.task);
     rig::FixedReference fixed(reference);
     hdt_tables tables = rig::tables_of(model);
     plant_model plant = rig::plant_from_arm(arm, o.individual);
@@ -124,13 +126,16 @@ void add_sim(CLI::App &app, int &code)
     sub->add_option("--effect", o->effects,
                     "hide an effect in the plant: NAME=SIZE[@JOINT][:key=value,...]\n" + rig::effect_menu());
     sub->add_option("--effect-file", o->effect_file, "hide the effects in this file, one a line");
-    sub->add_option("--seed", o->seed, "this run's noise and scatter")->capture_default_str();
+    sub->add_option("--seed", o->seed, "this run's noise and scatter")
+        ->capture_default_str()->check(whole_number());
     sub->add_option("--individual", o->individual,
                     "which specimen of the arm; 0 has the file's friction exactly")
-        ->capture_default_str();
-    sub->add_option("--payload", o->payload_kg, "known payload, kg, at the flange; declared in the log");
+        ->capture_default_str()->check(whole_number());
+    sub->add_option("--payload", o->payload_kg, "known payload, kg, at the flange; declared in the log")
+        ->check(between(0.0, 1000.0));
     sub->add_option("--arcnet", o->arcnet_mbps,
-                    "telegrams take the time of an ARCNET at this rate, Mbit/s (10, 5, 2.5, ...); 0: none");
+                    "telegrams take the time of an ARCNET at this rate, Mbit/s (10, 5, 2.5, ...); 0: none")
+        ->check(between(0.0, 10.0));
     sub->add_option("--format", o->format, "telegrams of the first (A) or second (B) generation")
         ->capture_default_str();
     sub->add_option("--integrator", o->integrator, "verlet (fast) or rk4 (the reference, 7 times slower)")

@@ -245,6 +245,9 @@ int run(const TopOptions &o)
         line(*v); // the last, which stays on the screen
         std::printf("%s\n", v->why.c_str());
     }
+    else if (v->other_version == 0 && v->damaged == 0)
+        std::fprintf(stderr, "hdt top: no status was heard: hdt host --telemetry publishes it, a log of the "
+                             "run (--out) has none\n");
     if (v->other_version != 0)
         std::fprintf(stderr,
                      "hdt top: %llu messages of another version than this program's %d: use the host's own "
@@ -267,7 +270,7 @@ void add_top(CLI::App &app, int &code)
     sub->add_option("--lcm", o->url,
                     "LCM address (default: LCM_DEFAULT_URL, or LCM's own); file://LOG reads a log");
     sub->add_option("--seconds", o->seconds, "end after this long (default: at Ctrl-C)")
-        ->check(CLI::Range(0.1, 1e6));
+        ->check(between(0.1, 1e6));
     sub->callback([o, &code] { code = run(*o); });
 }
 

@@ -140,8 +140,9 @@ void add_velocity(CLI::App &app, int &code)
     sub->add_option("--arm", o->arm, "model file of the arm")->required();
     sub->add_option("--individual", o->individual,
                     "which specimen of the arm; 0 has the file's friction exactly")
-        ->capture_default_str();
-    sub->add_option("--seed", o->seed, "noise and scatter of all runs")->capture_default_str();
+        ->capture_default_str()->check(whole_number());
+    sub->add_option("--seed", o->seed, "noise and scatter of all runs")
+        ->capture_default_str()->check(whole_number());
     sub->callback([o, &code] { code = run(*o); });
 }
 

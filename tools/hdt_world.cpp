@@ -2,7 +2,7 @@
 // See hdt_world.hpp.
 #include "tools/hdt_world.hpp"
 
-#include "model/arm_file.hpp"
+#include "tools/usage_error.hpp"
 
 namespace hdt::rig {
 
@@ -41,7 +41,7 @@ void World::connect(const WorldSetup &setup)
     }
     const arcnet_line line = {arcnet_bit_ns(setup.arcnet_mbps), 0};
     if (arcnet_ring_open(&ring_line_, &line, &host_bus_, &servo_bus_) != 0)
-        throw InputError("--arcnet: expected 10, 5, 2.5, 1.25, 0.625, 0.3125 or 0.15625 Mbit/s, found " +
+        throw UsageError("--arcnet: expected 10, 5, 2.5, 1.25, 0.625, 0.3125 or 0.15625 Mbit/s, found " +
                          std::to_string(setup.arcnet_mbps));
 }
 
