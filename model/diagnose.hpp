@@ -64,8 +64,8 @@ struct JointDiagnosis {
     std::vector<std::pair<std::string, double>> detection_limit_nm; // per effect, when nothing
     std::string words;              // the verdict as a sentence
     bool refuses() const;           // is any of its effects refused?
-    // Nothing found, and yet far more left than noise: of 398 healthy joints 99 % have less than 1.7 times their
-    // floor, and none more than twice (docs/diagnosis-bench.md, N=3).
+    // Nothing found, and yet far more left than noise: of 398 healthy joints 99 % have less than 1.7 times
+    // their floor, and none more than twice (docs/diagnosis-bench.md, N=3).
     bool unexplained() const { return verdict == "nothing" && rms_after_nm > 2 * noise_floor_nm; }
     // for pictures, held-out runs
     std::vector<double> t_s, axis_x, residual_before_nm, residual_after_nm;

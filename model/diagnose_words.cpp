@@ -48,6 +48,14 @@ std::string nothing_adopted(const JointDiagnosis &d)
            + text(" %.3g -> %.3g N.m", d.rms_before_nm, d.rms_after_nm);
 }
 
+std::string nothing_found(const JointDiagnosis &d)
+{
+    if (!d.unexplained())
+        return "Nothing is missing that these runs could show";
+    return "Something is missing that no effect explains on runs left out: "
+           + text("%.2g times the noise floor is left", d.rms_after_nm / d.noise_floor_nm);
+}
+
 void put_words(std::size_t runs, JointDiagnosis *d, const std::string &doubt)
 {
     const std::string errors = text("held-out error %.3g -> %.3g N.m (noise floor %.3g)", d->rms_before_nm,
@@ -70,10 +78,7 @@ void put_words(std::size_t runs, JointDiagnosis *d, const std::string &doubt)
         d->words = "Perhaps " + names + ", but " + doubt + "; " + nothing_adopted(*d)
                    + text(" (noise floor %.3g).", d->noise_floor_nm);
     else
-        d->words = (d->unexplained() ? text("Something is missing that no effect explains on runs left out: %.2g times the "
-                                            "noise floor is left",
-                                            d->rms_after_nm / d->noise_floor_nm)
-                                     : std::string("Nothing is missing that these runs could show"))
+        d->words = nothing_found(*d)
                    + text("; held-out error %.3g N.m (noise floor %.3g).", d->rms_before_nm, d->noise_floor_nm);
     const auto is = [&](const char *id) {
         return std::any_of(d->effects.begin(), d->effects.end(), [&](const Effect &e) { return e.id == id; });
