@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <set>
 #include <thread>
 
 #include "model/rbd.hpp"
@@ -38,6 +39,9 @@ constexpr double spike_guard_s = 0.003;
 constexpr double spike_scale_s = 0.25;      // the local scale is taken over three of these
 constexpr double saturation_share = 0.98;
 constexpr double limit_slack_rad = 0.5;
+constexpr int carry_poses = 24;             // at which gravity is asked whether an angle matters
+constexpr double carry_share = 0.01;        // of the joint's largest gravity torque
+constexpr double carry_least_nm = 0.05;
 
 struct Segment { Index begin, end; };
 
@@ -432,6 +436,52 @@ void mask_joint(const hdt_arm &arm, const std::vector<Segment> &segs, Index j,
     }
 }
 
+// A file without masses: every link carries something somewhere.
+hdt_arm with_masses(hdt_arm arm)
+{
+    for (int j = 0; j < arm.joints; j++)
+        if (arm.joint[j].has_inertial)
+            return arm;
+    for (int j = 0; j < arm.joints; j++) {
+        arm.joint[j].mass_kg = 1;
+        for (double &x : arm.joint[j].moment_kgm)
+            x = 0.1;
+    }
+    return arm;
+}
+
+// Gravity of every joint with the angles as given and with one of them elsewhere, over poses spread evenly.
+void find_unknown_angles(const hdt_arm &given, Conditioned *c)
+{
+    const hdt_arm arm = with_masses(arm_for_run(given, *c));
+    const Index n = arm.joints;
+    c->unknown_angles.assign(static_cast<std::size_t>(n), {});
+    if (std::count(c->present.begin(), c->present.end(), 0) == 0)
+        return;
+    MatrixXd moved = MatrixXd::Zero(n, n); // [joint, absent]: most it changes by
+    VectorXd most = VectorXd::Zero(n);
+    for (int pose = 0; pose < carry_poses; pose++) {
+        VectorXd q(n);
+        for (Index j = 0; j < n; j++) { // a lattice of irrational steps
+            const double step = std::sqrt(2.0 + 3.0 * static_cast<double>(j));
+            q[j] = 2 * M_PI * std::fmod(pose * step, 1.0);
+        }
+        const VectorXd g = rbd::gravity(arm, q);
+        most = most.cwiseMax(g.cwiseAbs());
+        for (Index a = 0; a < n; a++) {
+            if (c->present[static_cast<std::size_t>(a)])
+                continue;
+            VectorXd elsewhere = q;
+            elsewhere[a] += 2 + 0.1 * pose;
+            moved.col(a) = moved.col(a).cwiseMax((rbd::gravity(arm, elsewhere) - g).cwiseAbs());
+        }
+    }
+    for (Index j = 0; j < n; j++)
+        for (Index a = 0; a < n && c->present[static_cast<std::size_t>(j)]; a++)
+            if (moved(j, a) > std::max(carry_least_nm, carry_share * most[j]))
+                c->unknown_angles[static_cast<std::size_t>(j)].push_back(static_cast<int>(a) + 1);
+}
+
 void cut_blocks(double block_s, Conditioned *c)
 {
     c->block_begin.clear();
@@ -493,6 +543,7 @@ Conditioned condition(const Run &run, const hdt_arm &arm, const ConditionOptions
     double dt;
     c.rate_hz = rate_of(run, &dt);
     fill(run, arm, &c);
+    find_unknown_angles(arm, &c);
     std::vector<Segment> segs = segments(c.t_s, std::max(5 * dt, 0.02));
     differentiate(segs, dt, &c);
     const MatrixXd gravity = soft_gravity(arm, options.soft_margin_nm, c);
@@ -554,6 +605,28 @@ hdt_arm arm_for_run(const hdt_arm &arm, const Conditioned &c)
     out.payload_kg = c.payload_kg;
     Eigen::Map<Eigen::Vector3d>(out.payload_com_m) = c.payload_com_m;
     return out;
+}
+
+std::string unknown_angle_words(int joint, const std::vector<std::vector<int>> &per_run)
+{
+    std::set<int> missing;
+    std::size_t runs = 0;
+    for (const std::vector<int> &each : per_run) {
+        missing.insert(each.begin(), each.end());
+        runs += !each.empty();
+    }
+    std::string list, columns;
+    for (int a : missing) {
+        list += (list.empty() ? "" : ", ") + std::to_string(a);
+        columns += (columns.empty() ? "q" : ", q") + std::to_string(a) + "_rad";
+    }
+    if (runs == 0)
+        return "";
+    const std::string me = "joint " + std::to_string(joint);
+    return me + ": " + std::to_string(runs) + " of " + std::to_string(per_run.size())
+           + " runs do not have the angle of joint " + list + ", on which the load of " + me
+           + " depends by the arm file; taken as standing at 0 rad: if not, what is found for " + me
+           + " is wrong. Log " + columns + " and their torques too, standing or not";
 }
 
 std::vector<MatrixXd> declared_terms(const hdt_arm &arm, const Conditioned &c)

@@ -51,6 +51,9 @@ struct Conditioned {
     Eigen::Array<bool, Eigen::Dynamic, Eigen::Dynamic> valid;
     std::vector<MaskCount> masked;  // per joint
     std::vector<char> present;      // per joint
+    // per joint of the run: joints (1-based) whose angle the run does not have and that move mass this one
+    // carries or turn it against gravity; they are taken as standing at zero
+    std::vector<std::vector<int>> unknown_angles;
     Eigen::VectorXd smooth_s;       // per joint: half width of the smoother that gave v and a
     Eigen::VectorXd v_noise, a_noise, v_min; // per joint: standard deviations, standstill threshold
     std::vector<Eigen::Index> block_begin; // block b is rows [block_begin[b], block_begin[b+1])
@@ -69,6 +72,10 @@ hdt_arm arm_for_run(const hdt_arm &arm, const Conditioned &c);
 
 // Throws InputError when the run does not fit the arm (joint count, unit of q, sampling).
 Conditioned condition(const Run &run, const hdt_arm &arm, const ConditionOptions &options);
+
+// The unknown angles of one joint (1-based) in every run as a sentence: which, what is assumed, what to do;
+// empty where no run lacks one.
+std::string unknown_angle_words(int joint, const std::vector<std::vector<int>> &per_run);
 
 // Torque of every term of the declared model, full rate: [joint] -> rows x HDT_TERMS.
 std::vector<Eigen::MatrixXd> declared_terms(const hdt_arm &arm, const Conditioned &c);

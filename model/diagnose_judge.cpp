@@ -275,6 +275,16 @@ std::string judge(const JointWork &w, const JointEstimate &e, const Independent 
     return "";
 }
 
+// Said where the load of this joint rests on angles its runs do not have; empty otherwise.
+std::string unknown_load(const JointWork &w)
+{
+    std::vector<std::vector<int>> per_run;
+    for (const auto *set : {&w.fit, &w.test})
+        for (const BlockRows &b : *set)
+            per_run.push_back(b.unknown_angles);
+    return unknown_angle_words(w.joint + 1, per_run);
+}
+
 // Friction that has only grown or shrunk is no effect with a name, but costs as much.
 bool take_friction(const Start &start, JointDiagnosis *d)
 {
@@ -313,12 +323,18 @@ Judged judge_as_found(const hdt_arm &arm, const JointWork &w, const Found &axis,
     } else {
         out.doubt = judge(w, out.e, runs, h, !axis.family.id.empty(), &d);
     }
+    const std::string unknown = unknown_load(w);
+    if (!unknown.empty() && !d.effects.empty()) {
+        d.verdict = "suspect";
+        out.doubt = unknown;
+    }
     out.adopt = d.verdict == "named" || d.verdict == "unnamed";
     d.rms_after_nm = d.rms_explained_nm = out.adopt ? rms(h.after) : d.rms_before_nm;
     d.next_experiment = next_experiment(arm, w, out.e, d, runs.count);
     HeldOut &shown = out.shown = h;
     if (d.verdict == "nothing" || d.verdict == "suspect") {
-        const bool taken = (runs.count >= kRunsMin || runs.may_name) && take_friction(start, &d);
+        const bool taken = (runs.count >= kRunsMin || runs.may_name) && unknown.empty()
+                           && take_friction(start, &d);
         shown.after = taken ? h.refit : h.before;
         shown.after_by_run = taken ? h.refit_by_run : h.before_by_run;
     }

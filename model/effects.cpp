@@ -509,6 +509,7 @@ std::vector<BlockRows> block_rows(const hdt_arm &arm, const Conditioned &c, cons
         b.payload_kg = c.payload_kg;
         b.payload_com_m = c.payload_com_m;
         b.payload_declared = c.payload_declared;
+        b.unknown_angles = c.unknown_angles[k];
         b.block = c.blocks(j);
         b.block_s = c.block_begin.size() > 2 ? c.t_s[c.block_begin[1]] - c.t_s[c.block_begin[0]] : 0.01;
         const double gain = arm.joint[j].torque_gain;

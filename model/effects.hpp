@@ -38,6 +38,7 @@ struct BlockRows {
     Eigen::VectorXd dgdq;              // d gravity / d own angle
     Eigen::MatrixXd mass;              // d tau / d acceleration of each joint, declared chain
     Eigen::MatrixXd late;              // declared torque 10, 20, 30, 40 ms ago, less that of now
+    std::vector<int> unknown_angles;   // of the run, as Conditioned has them
     Eigen::Index index = -1;           // number of the run among those to fit; -1: held out
 
     Eigen::Index size() const { return y_nm.size(); }

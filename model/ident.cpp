@@ -58,6 +58,7 @@ struct Fit {
     std::vector<std::string> notes;
     std::vector<int> candidates;    // base parameters still allowed; empty with known masses
     bool base = false, held = false; // held: what the joints share is not fitted
+    bool unknown_angles = false;    // of joints that move what a fitted one carries
 };
 
 bool spans_regions(const JointRows &r, int way, const hdt_arm_stiffness &k)
@@ -543,7 +544,6 @@ void run_fit(const hdt_arm &arm, Fit *f)
 // This joint's own gravity scale, all its other numbers free beside it.
 void own_scale(const Problem &p, std::size_t k, JointFit *out)
 {
-    out->gravity_scale = out->gravity_scale_sigma = unknown;
     if (p.beta.size() != 1 || rms(p.joint[k].rows.shared.col(0)) <= loaded_nm)
         return;
     Problem one;
@@ -666,6 +666,27 @@ Data gather(const ArmFile &file, const std::vector<Run> &fit_runs, const std::ve
     return d;
 }
 
+// What rests on angles the runs do not have is said, and the masses are not judged by it.
+void heed_unknown_angles(const Data &data, Fit *f)
+{
+    for (const JointFitState &j : f->problem.joint) {
+        const std::size_t k = static_cast<std::size_t>(j.rows.joint);
+        std::vector<std::vector<int>> per_run;
+        for (const std::vector<Conditioned> *set : {&data.fit, &data.test})
+            for (const Conditioned &c : *set)
+                per_run.push_back(c.unknown_angles[k]);
+        const std::string words = unknown_angle_words(j.rows.joint + 1, per_run);
+        if (words.empty())
+            continue;
+        f->notes.insert(f->notes.begin(), words);
+        f->unknown_angles = true;
+    }
+    if (!f->unknown_angles || f->base || f->problem.shared_free.empty())
+        return;
+    hold_shared(f);
+    f->notes.push_back("gravity scale: not fitted, loads rest on unknown angles; the masses were kept");
+}
+
 // The file with the fit in it; joints in `kept` have their numbers as the file has them.
 IdentResult write_fit(const Data &data, const Fit &f, const std::vector<int> &kept)
 {
@@ -690,7 +711,9 @@ IdentResult write_fit(const Data &data, const Fit &f, const std::vector<int> &ke
         j.masked = r.masked;
         j.parameters = write_joint(f.problem.joint[k], &out.model, &out.notes);
         j.held_out_before_nm = j.held_out_after_nm = unknown;
-        own_scale(f.problem, k, &j);
+        j.gravity_scale = j.gravity_scale_sigma = unknown;
+        if (!f.unknown_angles)
+            own_scale(f.problem, k, &j);
         j.friction = compare_friction(f.problem, f.problem.joint[k]);
         out.joints.push_back(j);
         if (std::find(kept.begin(), kept.end(), j.joint) == kept.end())
@@ -715,8 +738,8 @@ struct Judged {
 std::string figures(double before, double after, bool held_out)
 {
     char text[120];
-    std::snprintf(text, sizeof text, "%.4g N m with the model given, %.4g with the fit, on the %s runs", before,
-                  after, held_out ? "test" : "fit");
+    std::snprintf(text, sizeof text, "%.4g N m with the model given, %.4g with the fit, on the %s runs",
+                  before, after, held_out ? "test" : "fit");
     return text;
 }
 
@@ -750,7 +773,8 @@ std::string figures(const JointFit &j)
 
 const JointFit &of_joint(const IdentResult &r, int joint)
 {
-    return *std::find_if(r.joints.begin(), r.joints.end(), [&](const JointFit &j) { return j.joint == joint; });
+    return *std::find_if(r.joints.begin(), r.joints.end(),
+                         [&](const JointFit &j) { return j.joint == joint; });
 }
 
 // Joints the fit makes worse than the model given keep what the file has of them, and it is said.
@@ -787,12 +811,14 @@ IdentResult identify(const ArmFile &file, const std::vector<Run> &fit_runs, cons
         throw InputError("expected at least one run to fit, found none");
     const Data data = gather(file, fit_runs, test_runs, options);
     Fit f = start(arm, data.rows, options.joints);
+    heed_unknown_angles(data, &f);
     run_fit(arm, &f);
     Judged out = keep_worse(data, f);
     if (out.worse.empty() || f.problem.shared_free.empty())
         return out.result;
     // a joint is still worse, for the sake of numbers all joints share: those of the file, then
     Fit held = start(arm, data.rows, options.joints);
+    heed_unknown_angles(data, &held);
     hold_shared(&held);
     run_fit(arm, &held);
     Judged without = keep_worse(data, held);
@@ -804,8 +830,8 @@ IdentResult identify(const ArmFile &file, const std::vector<Run> &fit_runs, cons
                                     what + ": the masses fitted for all joints do not hold for this one");
         else
             without.result.notes.insert(without.result.notes.begin(),
-                                        what + ": the masses were kept for its sake; to scale them by the other "
-                                               "joints alone, give those with --joints");
+                                        what + ": the masses were kept for its sake; to scale them by the "
+                                               "other joints alone, give those with --joints");
     }
     return base_pays ? out.result : without.result;
 }

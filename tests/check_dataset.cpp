@@ -7,6 +7,7 @@
 #include <cstring>
 #include <string>
 
+#include "model/arm_file.hpp"
 #include "model/dataset.hpp"
 
 #include "tests/check_main.h"
@@ -417,6 +418,43 @@ START_TEST(test_declared_terms_are_the_declared_model_row_by_row)
 }
 END_TEST
 
+// By the PA-10's file: joint 2 carries what joints 3 and 4 move; the wrist is 1.7 kg close to its axes, under
+// a hundredth of that load until it holds something; joint 7's link has its centre on its axis; joint 1
+// stands upright and neither carries nor turns anything against gravity.
+START_TEST(test_angles_a_load_rests_on_and_the_run_does_not_have_are_named)
+{
+    const hdt::ArmFile file = hdt::ArmFile::load("model/arms/pa10.toml");
+    Run one = make_run(4, 200, 0, 9), run = one;
+    run.joint.assign(7, one.joint[0]);
+    for (const auto &unknown : hdt::condition(run, file.arm(), {}).unknown_angles)
+        ck_assert(unknown.empty());
+    run.joint[0].present = run.joint[6].present = false;
+    for (const auto &unknown : hdt::condition(run, file.arm(), {}).unknown_angles)
+        ck_assert(unknown.empty());
+    for (Run::Joint &j : run.joint)
+        j.present = false;
+    run.joint[1].present = true;
+    Conditioned c = hdt::condition(run, file.arm(), {});
+    ck_assert(c.unknown_angles[1] == std::vector<int>({3, 4}));
+    ck_assert(c.unknown_angles[3].empty()); // not in the run
+    const std::string words = hdt::unknown_angle_words(2, {{}, c.unknown_angles[1], {3}});
+    ck_assert(hdt::unknown_angle_words(2, {{}, {}}).empty());
+    for (const char *part : {"joint 2: 2 of 3 runs", "joint 3, 4, on", "0 rad", "q4_rad"})
+        ck_assert_msg(words.find(part) != std::string::npos, "%s in %s", part, words.c_str());
+    // off the axis, the hand's angle counts too
+    run.constants["payload_kg"] = "3";
+    run.constants["payload_com_m"] = "0.15 0 0.05";
+    c = hdt::condition(run, file.arm(), {});
+    ck_assert(c.unknown_angles[1] == std::vector<int>({3, 4, 5, 6, 7}));
+    // joint 4 alone: 2 and 3 turn its load against gravity
+    run.constants.clear();
+    run.joint[1].present = false;
+    run.joint[3].present = true;
+    c = hdt::condition(run, file.arm(), {});
+    ck_assert(c.unknown_angles[3] == std::vector<int>({2, 3, 5, 6}));
+}
+END_TEST
+
 static Suite *dataset_suite(void)
 {
     Suite *s = suite_create("dataset");
@@ -441,6 +479,7 @@ static Suite *dataset_suite(void)
     tcase_add_test(blocks, test_declared_payload_of_the_run_wins);
     tcase_add_test(blocks, test_absent_joint_is_wholly_masked);
     tcase_add_test(blocks, test_declared_terms_are_the_declared_model_row_by_row);
+    tcase_add_test(blocks, test_angles_a_load_rests_on_and_the_run_does_not_have_are_named);
     tcase_add_test(blocks, test_a_run_that_does_not_fit_is_refused_by_name);
     suite_add_tcase(s, blocks);
     return s;

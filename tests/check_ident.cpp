@@ -14,6 +14,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "model/diagnose.hpp"
 #include "model/ident.hpp"
 #include "model/ident_solve.hpp"
 
@@ -122,8 +123,8 @@ Run make_run(const Truth &t, uint64_t seed, const RunSpec &spec = {})
         for (int j = 0; j < 2; j++) {
             double sign = v[j] < 0 ? -1 : 1;
             slow[j] = keep * slow[j] + std::sqrt(1 - keep * keep) * t.coloured_nm * gauss(&seed);
-            tau[j] += friction(t, j, v[j]) + t.offset_nm[j] + sign * scatter[j] + slow[j] + t.white_nm * gauss(&seed)
-                      + sign * t.line[j].amplitude
+            tau[j] += friction(t, j, v[j]) + t.offset_nm[j] + sign * scatter[j] + slow[j]
+                      + t.white_nm * gauss(&seed) + sign * t.line[j].amplitude
                             * std::sin(t.line[j].order * gear * q[j] + t.line[j].phase);
             run.joint[static_cast<std::size_t>(j)].q_rad.push_back(count_rad * std::round(q[j] / count_rad));
             run.joint[static_cast<std::size_t>(j)].tau_nm.push_back(tau[j]);
@@ -436,7 +437,8 @@ START_TEST(test_friction_and_offset_of_one_direction_are_written_as_their_sum)
                                         1.6 * floor_nm(t, 200));
                     for (double v : {0.3, 0.45, 0.6}) { // the torque of the way that moved
                         double truth = friction(t, j, sign * v) + t.offset_nm[j];
-                        double model = sign * hdt::stribeck_nm(joint.friction[way], v) + joint.torque_offset_nm;
+                        double model = sign * hdt::stribeck_nm(joint.friction[way], v)
+                                       + joint.torque_offset_nm;
                         ck_assert_double_eq_tol(model, truth, 0.5);
                     }
                     for (double v = 0; v < 3; v += 0.1)
@@ -581,6 +583,47 @@ START_TEST(test_what_the_motion_does_not_excite_is_kept)
     p = find(r, "joint.1.friction.positive.fv");
     ck_assert(!p->excited);
     ck_assert_double_eq_tol(p->value, 0.7 * t.friction[0][0].fv, 1e-12);
+}
+END_TEST
+
+// Joint 1 of runs without the second link's angle: its load is not known, and no mass follows from it.
+START_TEST(test_a_load_on_unknown_angles_scales_no_mass_and_is_said)
+{
+    Truth t;
+    FileSpec spec;
+    spec.mass_share = 0.9;
+    std::vector<Run> fit = make_runs(t, 17, 5), part = fit;
+    for (std::size_t k = 0; k < 3; k++)
+        part[k].joint[1].present = false;
+    IdentResult r = hdt::identify(make_arm(t, spec), part, {}, {});
+    ck_assert(noted(r, "joint 1: 3 of 5 runs do not have the angle of joint 2"));
+    ck_assert(noted(r, "the masses were kept"));
+    ck_assert(!find(r, "gravity_scale")->excited);
+    ck_assert_double_eq(r.model.arm().joint[0].mass_kg, 0.9 * t.m[0]);
+    r = hdt::identify(make_arm(t, spec), fit, {}, {});
+    ck_assert(!noted(r, "do not have the angle"));
+    ck_assert(find(r, "gravity_scale")->excited);
+}
+END_TEST
+
+// What an elbow nobody logged does to the shoulder looks like something with a name.
+START_TEST(test_a_diagnosis_on_unknown_angles_is_at_most_suspect)
+{
+    Truth t;
+    FileSpec spec;
+    spec.friction_share = 1;
+    ArmFile arm = make_arm(t, spec);
+    std::vector<Run> part = make_runs(t, 18, 8), test = make_runs(t, 19, 3);
+    for (auto *set : {&part, &test})
+        for (Run &run : *set)
+            run.joint[1].present = false;
+    const hdt::Diagnosis d = hdt::diagnose(arm, part, test, {});
+    ck_assert_uint_eq(d.joints.size(), 1);
+    ck_assert_str_eq(d.joints[0].verdict.c_str(), "suspect");
+    ck_assert(says(d.joints[0].words, "8 of 8") || says(d.joints[0].words, "11 of 11"));
+    ck_assert(says(d.joints[0].words, "do not have the angle of joint 2"));
+    ck_assert_double_eq(d.joints[0].rms_after_nm, d.joints[0].rms_before_nm);
+    ck_assert(d.model.arm().joint[0].mass_kg == arm.arm().joint[0].mass_kg);
 }
 END_TEST
 
@@ -924,6 +967,8 @@ static Suite *ident_suite(void)
     tcase_add_test(honest, test_a_gravity_scale_the_held_out_runs_refute_is_not_written);
     tcase_add_test(honest, test_no_joint_gets_worse_on_its_own_fit_runs);
     tcase_add_test(honest, test_what_the_motion_does_not_excite_is_kept);
+    tcase_add_test(honest, test_a_load_on_unknown_angles_scales_no_mass_and_is_said);
+    tcase_add_test(honest, test_a_diagnosis_on_unknown_angles_is_at_most_suspect);
     tcase_add_test(honest, test_a_term_that_is_not_there_is_not_invented);
     tcase_add_test(honest, test_friction_curves_are_told_apart);
     tcase_add_test(honest, test_stiffness_lines_are_fitted_where_loads_span_them_and_dropped_where_refuted);
