@@ -78,8 +78,8 @@ void put_words(std::size_t runs, JointDiagnosis *d, const std::string &doubt)
         d->words = "Perhaps " + names + ", but " + doubt + "; " + nothing_adopted(*d)
                    + text(" (noise floor %.3g).", d->noise_floor_nm);
     else
-        d->words = nothing_found(*d)
-                   + text("; held-out error %.3g N.m (noise floor %.3g).", d->rms_before_nm, d->noise_floor_nm);
+        d->words = nothing_found(*d) + "; held-out error"
+                   + text(" %.3g N.m (noise floor %.3g).", d->rms_before_nm, d->noise_floor_nm);
     const auto is = [&](const char *id) {
         return std::any_of(d->effects.begin(), d->effects.end(), [&](const Effect &e) { return e.id == id; });
     };
