@@ -37,7 +37,7 @@ TOOLS  := $(call obj,$(wildcard tools/hdt*.cpp))
 BENCH  := $(patsubst tools/%.c,$(BUILD)/%,$(wildcard tools/bench_*.c))
 TESTS  := $(patsubst tests/%.c,$(BUILD)/tests/%,$(wildcard tests/check_*.c)) \
           $(patsubst tests/%.cpp,$(BUILD)/tests/%,$(wildcard tests/check_*.cpp))
-SLOW   := $(addprefix $(BUILD)/tests/check_,bench_diagnosis cli commands dataset diagnose evidence ident log_check measured paper rbd rt scan task telemetry)
+SLOW   := $(addprefix $(BUILD)/tests/check_,bench_diagnosis cli commands dataset diagnose diagnose_adopt evidence ident log_check measured paper rbd rt scan task telemetry)
 LIBS   := $(BUILD)/librig.a $(BUILD)/libhdt.a
 READY  := $(BUILD)/.ready
 # what `make install` puts under include/hdt: the library exports these headers' functions
