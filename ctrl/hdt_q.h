@@ -43,7 +43,7 @@ static inline int64_t hdt_shr(int64_t x, unsigned n)
     return (x + ((int64_t)1 << (n - 1u))) >> n;
 }
 
-/* x within -bound .. bound; bound >= 0.  Modulo 2^64 the range begins at 0 and is one comparison. */
+/* x within -bound .. bound, 0 <= bound < 2^62.  Modulo 2^64 the range begins at 0 and is one comparison. */
 static inline int64_t hdt_within(int64_t x, int64_t bound)
 {
     const uint64_t up = (uint64_t)x + (uint64_t)bound;

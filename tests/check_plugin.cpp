@@ -495,6 +495,7 @@ START_TEST(test_stop_waits_for_a_silent_servo_no_longer_than_it_says)
     }
     ck_assert_double_ge(best_s, 0.2);
     ck_assert_double_le(best_s, 0.205);
+    ck_assert_int_eq(a.call(Destroy), HDT_OK);
 }
 END_TEST
 
@@ -539,6 +540,13 @@ START_TEST(test_every_function_of_the_abi_has_a_thread_tag)
 }
 END_TEST
 
+// A host in C may pass any number as a format, which is no value of the enumeration here.
+__attribute__((no_sanitize("undefined"))) static int open_as(hdt_plugin_arm *arm, const char *name, int format,
+                                                             const uint16_t *rated, char *err, size_t len)
+{
+    return bus->open(arm, name, static_cast<drv_format>(format), rated, err, len);
+}
+
 START_TEST(test_open_says_what_it_cannot_open)
 {
     const uint16_t rated[DRV_AXES] = {100, 100, 100, 100, 100, 100, 100};
@@ -552,13 +560,13 @@ START_TEST(test_open_says_what_it_cannot_open)
     ck_assert_int_eq(bus->open(a.arm, nullptr, DRV_FORMAT_A, nullptr, nullptr, 0), HDT_ERR_ARG);
     const struct {
         const char *name;
-        drv_format format;
+        int format;
         const uint16_t *rated;
         int error;
         const char *words;
     } bad[] = {
         {nullptr, DRV_FORMAT_A, nullptr, HDT_ERR_ARG, "no name"},
-        {"unix:/x", static_cast<drv_format>(2), rated, HDT_ERR_ARG, "expected Format A"},
+        {"unix:/x", 2, rated, HDT_ERR_ARG, "expected Format A"},
         {"unix:/x", DRV_FORMAT_B, nullptr, HDT_ERR_ARG, "rated torques"},
         // its state does not fit a frame
         {"can:vcan0", DRV_FORMAT_B, rated, HDT_PLUGIN_ERR_BUS,
@@ -566,7 +574,7 @@ START_TEST(test_open_says_what_it_cannot_open)
     };
     for (const auto &b : bad) {
         std::memset(err, 0x5a, sizeof err);
-        ck_assert_int_eq(bus->open(a.arm, b.name, b.format, b.rated, err, sizeof err), b.error);
+        ck_assert_int_eq(open_as(a.arm, b.name, b.format, b.rated, err, sizeof err), b.error);
         ck_assert_msg(std::memchr(err, 0, sizeof err) && std::strstr(err, b.words), "expected \"%s\"",
                       b.words);
     }
