@@ -143,6 +143,24 @@ START_TEST(test_ripple_at_every_count_of_a_turn_and_around_it)
 }
 END_TEST
 
+START_TEST(test_a_curve_is_followed_up_to_the_largest_knots_a_table_holds)
+{
+    static struct hdt_joint_tab j;
+    struct hdt_motion m = {.dir_q30 = 1 << 30};
+    j.axis = HDT_AXIS_Q;
+    j.table.shift = 10;
+    for (int k = 0; k < HDT_CURVE_KNOTS; k++)
+        j.table.value_q8[k] = k % 2 ? INT16_MAX : INT16_MIN;
+    for (int k = 0; k < HDT_CURVE_KNOTS; k++) {
+        m.q_q24 = k << 10;
+        ck_assert_int_eq(hdt_comp_table(&j, &m, 0), j.table.value_q8[k] * 256);
+        m.q_q24 += 512;
+        if (k < HDT_CURVE_KNOTS - 1) /* halfway between the two */
+            ck_assert_int_eq(hdt_comp_table(&j, &m, 0), -128);
+    }
+}
+END_TEST
+
 START_TEST(test_directed_terms_vanish_at_standstill)
 {
     uint64_t r = 8;
@@ -497,6 +515,7 @@ static Suite *comp_suite(void)
                         (int)(sizeof own_terms / sizeof own_terms[0]));
     tcase_add_test(one, test_knots_and_line_ends_are_met_on_both_sides);
     tcase_add_test(one, test_ripple_at_every_count_of_a_turn_and_around_it);
+    tcase_add_test(one, test_a_curve_is_followed_up_to_the_largest_knots_a_table_holds);
     tcase_add_test(one, test_directed_terms_vanish_at_standstill);
     tcase_add_test(one, test_direction_ramps_and_stops_at_one);
     tcase_add_loop_test(chain, test_gravity_is_the_gradient_of_potential_energy, 1, HDT_JOINTS_MAX + 1);

@@ -541,8 +541,8 @@ START_TEST(test_every_function_of_the_abi_has_a_thread_tag)
 END_TEST
 
 // A host in C may pass any number as a format, which is no value of the enumeration here.
-__attribute__((no_sanitize("undefined"))) static int open_as(hdt_plugin_arm *arm, const char *name, int format,
-                                                             const uint16_t *rated, char *err, size_t len)
+__attribute__((no_sanitize("undefined"))) static int
+open_as(hdt_plugin_arm *arm, const char *name, int format, const uint16_t *rated, char *err, size_t len)
 {
     return bus->open(arm, name, static_cast<drv_format>(format), rated, err, len);
 }
