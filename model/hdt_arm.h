@@ -121,8 +121,9 @@ struct hdt_arm {
 /* Read a model file.  Errors: -1 and one line in err: file:line: key: expected ..., found ... */
 int hdt_arm_load(const char *path, struct hdt_arm *arm, char *err, size_t errlen);
 
-/* worst quantisation error per term */
-struct hdt_gen_report { double friction_nm, ripple_nm, gravity_nm, lines_nm, curves_nm; };
+/* Worst error of any joint that rounding to the tables makes, N.m output side: friction, ripple, lines,
+ * local and table swept, knots against the curve; the others at states spread over the limits. */
+struct hdt_gen_report { double term_nm[HDT_TERMS]; };
 
 /* Fixed point from numbers.  report may be NULL.
  * Errors: -1 and one line naming the key that cannot be represented. */

@@ -21,6 +21,7 @@
 #include "model/hdt_arm.h"
 #include "model/rbd.hpp"
 #include "model/tablegen_chain.hpp"
+#include "model/tablegen_error.hpp"
 #include "model/tablegen_fixed.hpp"
 #include "model/terms.hpp"
 
@@ -200,23 +201,28 @@ void make_curve(const std::string &key, double from, double to, int bits, const 
     for (int k = 0; k < HDT_CURVE_KNOTS; k++)
         out->value_q8[k] = static_cast<int16_t>(fixed(key + ": torque", value(std::fmin(at(k), to)), 8,
                                                       -32767 / 256.0, 32767 / 256.0));
-    for (int i = 0; i < 8 * (HDT_CURVE_KNOTS - 1); i++) {
-        const int k = i / 8;
-        const double part = i % 8 / 8.0;
-        const double made = (out->value_q8[k] + part * (out->value_q8[k + 1] - out->value_q8[k])) / 256;
-        if (at(k + part) <= to)
-            *worst_nm = std::max(*worst_nm, std::fabs(made - value(at(k + part))));
-    }
+    const auto measure = [&](double place) {
+        const int k = std::min(static_cast<int>(place), HDT_CURVE_KNOTS - 2);
+        const double made = out->value_q8[k] + (place - k) * (out->value_q8[k + 1] - out->value_q8[k]);
+        *worst_nm = std::max(*worst_nm, std::fabs(made / 256 - value(at(place))));
+    };
+    // the end lies between two knots, of which the later one holds it
+    const double end = std::ldexp((to - from) * unit, -int(out->shift));
+    for (double place = 0; place < end; place += 1 / 8.0)
+        measure(place);
+    measure(end);
 }
 
-void make_curves(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out, double *worst_nm)
+void make_curves(const hdt_arm_joint &joint, const std::string &key, hdt_joint_tab *out,
+                 double worst_nm[HDT_TERMS])
 {
     out->local[0].shift = out->local[1].shift = out->table.shift = 1;
     if (joint.has_local || joint.bumps > 0) {
         for (int way = 0; way < 2; way++)
             make_curve(key + (joint.has_local ? "friction_by_position" : "effect (local_friction)"),
                        joint.q_min_rad, joint.q_max_rad, 24,
-                       [&](double q) { return local_nm(joint, way, q); }, &out->local[way], worst_nm);
+                       [&](double q) { return local_nm(joint, way, q); }, &out->local[way],
+                       &worst_nm[HDT_TERM_LOCAL]);
         out->terms |= 1u << HDT_TERM_LOCAL;
     }
     if (!joint.has_table)
@@ -225,7 +231,8 @@ void make_curves(const hdt_arm_joint &joint, const std::string &key, hdt_joint_t
     static const int bits[HDT_AXES] = {24, 16, 0, 24};
     const double scale = joint.table_axis == HDT_AXIS_PHASE ? HDT_COUNTS_PER_REV : 1;
     make_curve(key + "table", joint.table.from * scale, joint.table.to * scale, bits[joint.table_axis],
-               [&](double x) { return curve_nm(joint.table, x / scale); }, &out->table, worst_nm);
+               [&](double x) { return curve_nm(joint.table, x / scale); }, &out->table,
+               &worst_nm[HDT_TERM_TABLE]);
     out->axis = static_cast<uint32_t>(joint.table_axis);
     out->directed = joint.table_directed ? 1 : 0;
     out->terms |= 1u << HDT_TERM_TABLE;
@@ -322,14 +329,14 @@ void make_joint(const hdt_arm &arm, int j, hdt_joint_tab *out, hdt_gen_report *r
     make_limits(arm, joint, key, out);
     out->friction_shift = finest_shift;
     if (joint.has_friction)
-        make_friction(joint, key, out, &report->friction_nm);
+        make_friction(joint, key, out, &report->term_nm[HDT_TERM_FRICTION]);
     if (joint.ripples > 0)
-        make_ripple(joint, key, out, &report->ripple_nm);
+        make_ripple(joint, key, out, &report->term_nm[HDT_TERM_RIPPLE]);
     if (joint.has_stiffness)
         make_stiffness(joint, key, out);
-    make_lines(joint, key, out, &report->lines_nm);
+    make_lines(joint, key, out, &report->term_nm[HDT_TERM_LINES]);
     make_effects(joint, key, out);
-    make_curves(joint, key, out, &report->curves_nm);
+    make_curves(joint, key, out, report->term_nm);
 }
 
 // Second-order Butterworth low-pass by the bilinear transform, corner prewarped.
@@ -420,26 +427,6 @@ void limit_chain(hdt_tables *t)
     }
 }
 
-double gravity_error_nm(const hdt_arm &arm, const hdt_tables &t)
-{
-    // poses spread over the limits by a fixed sequence
-    constexpr int poses = 500;
-    uint64_t state = 1;
-    double worst = 0;
-    Eigen::VectorXd q(arm.joints);
-    for (int i = 0; i < poses; i++) {
-        for (int j = 0; j < arm.joints; j++) {
-            state = state * 6364136223846793005u + 1442695040888963407u;
-            const double share = std::ldexp(static_cast<double>(state >> 11), -53);
-            q[j] =
-                arm.joint[j].q_min_rad + share * (arm.joint[j].q_max_rad - arm.joint[j].q_min_rad);
-        }
-        worst =
-            std::max(worst, (chain_gravity_nm(t, q) - rbd::gravity(arm, q)).cwiseAbs().maxCoeff());
-    }
-    return worst;
-}
-
 // What in the model makes a member the core does not take, and what would be taken.
 std::string cause(const std::string &member)
 {
@@ -472,7 +459,7 @@ void make_tables(const hdt_arm &arm, hdt_tables *t, hdt_gen_report *report)
     make_chain(arm, t);
     make_inertia(arm, t);
     limit_chain(t);
-    report->gravity_nm = gravity_error_nm(arm, *t);
+    measure_formulas(arm, *t, report->term_nm);
     // the core has the last word on what it takes
     const char *where = "";
     int joint = -1;

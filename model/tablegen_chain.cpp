@@ -232,32 +232,4 @@ void make_chain(const hdt_arm &arm, hdt_tables *t)
         t->gravity_q24[i] = fixed("base.gravity", g[i], 24);
 }
 
-Eigen::VectorXd chain_gravity_nm(const hdt_tables &t, const Eigen::VectorXd &q_rad)
-{
-    const auto n = static_cast<std::size_t>(t.joints);
-    std::vector<Matrix3d> rot(n); // previous link -> link, turned
-    std::vector<Vector3d> down(n);
-    Vector3d g(t.gravity_q24[0], t.gravity_q24[1], t.gravity_q24[2]);
-    g *= std::ldexp(1, -24);
-    for (std::size_t j = 0; j < n; j++) {
-        const hdt_joint_tab &tab = t.joint[j];
-        const double c = std::ldexp(tab.twist_cos_q30, -30), s = std::ldexp(tab.twist_sin_q30, -30);
-        Matrix3d twist;
-        twist << 1, 0, 0, 0, c, -s, 0, s, c;
-        rot[j] = twist * about_z(q_rad[static_cast<int>(j)] + std::ldexp(tab.phase0, -32) * 2 * pi);
-        g = rot[j].transpose() * g;
-        down[j] = g;
-    }
-    Eigen::VectorXd tau(static_cast<int>(n));
-    Vector3d held = Vector3d::Zero();
-    for (std::size_t j = n; j-- > 0;) {
-        if (j + 1 < n)
-            held = rot[j + 1] * held;
-        held[0] += std::ldexp(t.joint[j].moment_q20[0], -20);
-        held[1] += std::ldexp(t.joint[j].moment_q20[1], -20);
-        tau[static_cast<int>(j)] = held[1] * down[j][0] - held[0] * down[j][1];
-    }
-    return tau;
-}
-
 } // namespace hdt

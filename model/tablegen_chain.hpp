@@ -7,8 +7,6 @@
 // Never: approximates: any chain of turning joints has such frames.
 #pragma once
 
-#include <Eigen/Dense>
-
 #include "ctrl/hdt_tables.h"
 #include "model/hdt_arm.h"
 
@@ -17,8 +15,5 @@ namespace hdt {
 // Geometry, moments, rotor and gravity of every joint, and the bits of the two terms of the chain.
 // Throws Refusal naming the key that does not fit.
 void make_chain(const hdt_arm &arm, hdt_tables *t);
-
-// Holding torque of the rounded numbers in floating point, the way hdt_chain_gravity goes, N.m.
-Eigen::VectorXd chain_gravity_nm(const hdt_tables &t, const Eigen::VectorXd &q_rad);
 
 } // namespace hdt

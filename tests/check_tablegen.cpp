@@ -126,20 +126,20 @@ START_TEST(test_the_core_computes_every_term_of_the_model)
     // N.m: what the report says, plus the core's own rounding of products
     double bound[HDT_TERMS];
     std::fill(bound, bound + HDT_TERMS, 1e-4);
-    bound[HDT_TERM_GRAVITY] += r.gravity_nm;
-    bound[HDT_TERM_INERTIA] = 1e-3;
-    bound[HDT_TERM_FRICTION] += r.friction_nm;
-    bound[HDT_TERM_RIPPLE] += r.ripple_nm;
-    bound[HDT_TERM_LINES] += r.lines_nm;
-    bound[HDT_TERM_LOCAL] += r.curves_nm;
-    bound[HDT_TERM_TABLE] += r.curves_nm;
+    bound[HDT_TERM_GRAVITY] += r.term_nm[HDT_TERM_GRAVITY];
+    bound[HDT_TERM_INERTIA] += r.term_nm[HDT_TERM_INERTIA];
+    bound[HDT_TERM_FRICTION] += r.term_nm[HDT_TERM_FRICTION];
+    bound[HDT_TERM_RIPPLE] += r.term_nm[HDT_TERM_RIPPLE];
+    bound[HDT_TERM_LINES] += r.term_nm[HDT_TERM_LINES];
+    bound[HDT_TERM_LOCAL] += r.term_nm[HDT_TERM_LOCAL];
+    bound[HDT_TERM_TABLE] += r.term_nm[HDT_TERM_TABLE];
     // the load comes with the error of gravity and of a spring's rate and angle
     double steepest = 0;
     for (const hdt_arm_joint &j : arm.joint)
         for (const hdt_arm_stiffness &way : j.stiffness)
             for (double slope : way.slope)
                 steepest = std::max(steepest, std::fabs(slope));
-    bound[HDT_TERM_STIFFNESS] += steepest * (r.gravity_nm + 4e-5);
+    bound[HDT_TERM_STIFFNESS] += steepest * (r.term_nm[HDT_TERM_GRAVITY] + 4e-5);
     uint64_t seed = 21;
     double seen[HDT_TERMS] = {};
     for (int round = 0; round < 1000; round++) {
@@ -167,22 +167,81 @@ START_TEST(test_worst_errors_of_the_pa10_stay_under_a_digit)
 {
     // a digit is 0.001 N.m motor side, 0.05 N.m at the joint
     const hdt_gen_report report = make(pa10()).report;
-    ck_assert_double_lt(report.friction_nm, 0.0125);
-    ck_assert_double_lt(report.ripple_nm, 0.025);
-    ck_assert_double_lt(report.gravity_nm, 1e-5);
-    ck_assert_double_eq(report.lines_nm, 0);
+    ck_assert_double_lt(report.term_nm[HDT_TERM_FRICTION], 0.0125);
+    ck_assert_double_lt(report.term_nm[HDT_TERM_RIPPLE], 0.025);
+    ck_assert_double_lt(report.term_nm[HDT_TERM_GRAVITY], 1e-5);
+    ck_assert_double_eq(report.term_nm[HDT_TERM_LINES], 0);
     // and they are measured: no table is exact
-    ck_assert_double_gt(report.friction_nm, 1e-4);
-    ck_assert_double_gt(report.ripple_nm, 1e-3);
-    ck_assert_double_gt(report.gravity_nm, 1e-9);
+    ck_assert_double_gt(report.term_nm[HDT_TERM_FRICTION], 1e-4);
+    ck_assert_double_gt(report.term_nm[HDT_TERM_RIPPLE], 1e-3);
+    ck_assert_double_gt(report.term_nm[HDT_TERM_GRAVITY], 1e-9);
     const hdt_gen_report lines = make(with_all_effects()).report;
-    ck_assert_double_gt(lines.lines_nm, 0);
-    ck_assert_double_lt(lines.lines_nm, 1e-4);
+    ck_assert_double_gt(lines.term_nm[HDT_TERM_LINES], 0);
+    ck_assert_double_lt(lines.term_nm[HDT_TERM_LINES], 1e-4);
     // an amplitude without rounding still has that of the phase: 2^-32 of a turn
     hdt_arm exact = pa10();
     exact.joint[1].lines = 1;
     exact.joint[1].line[0] = {100, 0.5, 0.2, 1};
-    ck_assert_double_ge(make(exact).report.lines_nm, 0.5 * 2 * M_PI * std::ldexp(1, -32));
+    ck_assert_double_ge(make(exact).report.term_nm[HDT_TERM_LINES], 0.5 * 2 * M_PI * std::ldexp(1, -32));
+}
+END_TEST
+
+START_TEST(test_worst_errors_are_those_of_the_numbers_that_were_rounded)
+{
+    const double off = std::ldexp(1, -18); // a quarter of the last place of q16
+    hdt_arm arm = pa10();
+    hdt_arm_joint &j = arm.joint[1];
+    j.torque_offset_nm = 3 + off;
+    j.spring_nmprad = 10 + off;
+    j.load_mu = 0.25 + off / 256;
+    j.cold_coulomb_nm = 2 + off;
+    j.warm_s = 600;
+    j.presliding_nm = 2 + off;
+    j.presliding_rad = 1 / 256.0;
+    j.kp_m_nmprad = (1000 + off) / j.ratio;
+    j.kd_m_nmspr = (10 + off) / j.ratio;
+    for (hdt_arm_joint &other : arm.joint)
+        for (hdt_arm_stiffness &way : other.stiffness)
+            way = {{0, 0, 0}, -32, 32, 1 + off};
+    const hdt_gen_report &r = make(arm).report;
+    const double reach_rad = std::max(-j.q_min_rad, j.q_max_rad);
+    const struct { int term; double at_most_nm; } expected[] = {
+        {HDT_TERM_OFFSET, off},
+        {HDT_TERM_SPRING, off * reach_rad},
+        {HDT_TERM_LOAD, off / 256 * 80}, // the load of this joint
+        {HDT_TERM_TEMPERATURE, off},
+        {HDT_TERM_PRESLIDING, off},
+        {HDT_TERM_STIFFNESS, off},
+        {HDT_TERM_P, off * hdt::TableDefaults::follow_rad},
+        {HDT_TERM_D, off * 2 * j.v_max_radps},
+    };
+    for (const auto &e : expected)
+        ck_assert_msg(r.term_nm[e.term] <= e.at_most_nm * 1.01 && r.term_nm[e.term] >= e.at_most_nm * 0.7,
+                      "%s: %g N.m, expected up to %g", hdt_term_str(e.term), r.term_nm[e.term], e.at_most_nm);
+    // of the chain: 500 poses and motions up to 128 rad/s^2
+    ck_assert_double_gt(r.term_nm[HDT_TERM_INERTIA], 1e-6);
+    ck_assert_double_lt(r.term_nm[HDT_TERM_INERTIA], 1e-3);
+}
+END_TEST
+
+START_TEST(test_worst_error_of_a_curve_counts_its_end_between_two_knots)
+{
+    // steep up to its end, held from there; the knots lie 1/64 N.m apart
+    hdt_arm arm = pa10();
+    hdt_arm_joint &j = arm.joint[1];
+    j.has_table = 1;
+    j.table_axis = HDT_AXIS_LOAD;
+    j.table.from = 0;
+    j.table.to = 2.0 + 0.5 / 64;
+    for (int k = 0; k < HDT_ARM_CURVE_POINTS; k++)
+        j.table.nm[k] = k;
+    const Made made = make(arm);
+    const double slope = 64 / j.table.to, knot = std::ldexp(1, int(made.tables->joint[1].table.shift) - 16);
+    const double part = std::fmod(j.table.to, knot); // of the last interval
+    // the later knot holds the end's value: at the end the chord has come part of the way
+    const double missing = slope * part * (1 - part / knot);
+    ck_assert_double_gt(missing, 0.05);
+    ck_assert_double_eq_tol(made.report.term_nm[HDT_TERM_TABLE], missing, 1 / 256.0);
 }
 END_TEST
 
@@ -202,7 +261,7 @@ START_TEST(test_friction_holds_up_to_the_joint_speed_and_beyond_validity)
                              upper = tab.friction_q16[way][k + 1] / 65536.0;
                 ck_assert_double_eq_tol(lower + (upper - lower) * (v / step - k),
                                         hdt::stribeck_nm(arm.joint[j].friction[way], v),
-                                        made.report.friction_nm + 1e-9);
+                                        made.report.term_nm[HDT_TERM_FRICTION] + 1e-9);
             }
     }
 }
@@ -259,7 +318,7 @@ START_TEST(test_awkward_but_possible_numbers_are_taken)
     ck_assert_double_eq_tol(tab.v_ramp_inv_q16 / 65536.0, 1 / 0.002, 1e-4);
     ck_assert_int_eq(tab.cold_decay_q31, INT32_MAX);
     ck_assert_uint_eq(tab.line[0].phase0, 0);
-    ck_assert_double_lt(made.report.friction_nm, 0.1); // over 45 rad/s
+    ck_assert_double_lt(made.report.term_nm[HDT_TERM_FRICTION], 0.1); // over 45 rad/s
     // joints whose friction is not known ramp as the others
     arm.joint[1].has_friction = 0;
     ck_assert_double_eq_tol(make(arm).tables->joint[1].v_ramp_inv_q16 / 65536.0, 100, 1e-4);
@@ -697,6 +756,8 @@ static Suite *tablegen_suite(void)
     TCase *numbers = tcase_create("numbers");
     tcase_add_loop_test(numbers, test_the_core_computes_every_term_of_the_model, 0, 2);
     tcase_add_test(numbers, test_worst_errors_of_the_pa10_stay_under_a_digit);
+    tcase_add_test(numbers, test_worst_errors_are_those_of_the_numbers_that_were_rounded);
+    tcase_add_test(numbers, test_worst_error_of_a_curve_counts_its_end_between_two_knots);
     tcase_add_test(numbers, test_friction_holds_up_to_the_joint_speed_and_beyond_validity);
     tcase_add_test(numbers, test_scaling_and_limits_are_those_of_the_model);
     tcase_add_test(numbers, test_awkward_but_possible_numbers_are_taken);

@@ -63,16 +63,8 @@ Vectors read(const std::string &path)
 // What a term may be off by, N m: the tables' worst quantisation, and the rounding of what goes in.
 double allowance(int term, const hdt_gen_report &report)
 {
-    const double rounding = 1e-4;
-    switch (term) {
-    case HDT_TERM_FRICTION: return report.friction_nm + rounding;
-    case HDT_TERM_RIPPLE: return report.ripple_nm + rounding;
-    case HDT_TERM_GRAVITY: return report.gravity_nm + rounding;
-    case HDT_TERM_LOCAL:
-    case HDT_TERM_TABLE: return report.curves_nm + rounding;
-    case HDT_TERM_LINES: return report.lines_nm + rounding;
-    default: return rounding;
-    }
+    // inertia is reported at the largest acceleration, which no vector has
+    return (term == HDT_TERM_INERTIA ? 0 : report.term_nm[term]) + 1e-4;
 }
 
 // A wind-up line at a load, N m.

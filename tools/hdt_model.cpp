@@ -165,6 +165,13 @@ int run_diagnose(const FitOptions &o)
     return Ok;
 }
 
+// Does any joint have this term?
+bool uses(const hdt_tables &tables, int term)
+{
+    return std::any_of(tables.joint, tables.joint + tables.joints,
+                       [term](const hdt_joint_tab &joint) { return (joint.terms >> term & 1u) != 0; });
+}
+
 int run_gen(const std::string &path, const std::string &out)
 {
     hdt_arm arm = rig::load_arm(path);
@@ -183,9 +190,11 @@ int run_gen(const std::string &path, const std::string &out)
     write_file(out + "/hdt_tables_" + stem + ".c", tables_c_source(tables, stem));
     std::printf("%s/%s.hdtm and %s/hdt_tables_%s.c, layout %u\n", out.c_str(), stem.c_str(), out.c_str(),
                 stem.c_str(), HDT_TABLES_LAYOUT);
-    std::printf("worst quantisation error, N.m output side: gravity %.2g, friction (knots against eq. 7) "
-                "%.2g, ripple %.2g, lines %.2g, curves %.2g\n",
-                report.gravity_nm, report.friction_nm, report.ripple_nm, report.lines_nm, report.curves_nm);
+    std::printf("worst quantisation error, N.m output side:\n");
+    for (int t = 0; t < HDT_TERMS; t++)
+        if (uses(tables, t))
+            std::printf("  %-12s %.2g%s\n", hdt_term_str(t), report.term_nm[t],
+                        t == HDT_TERM_FRICTION ? "   (knots against eq. 7)" : "");
     return Ok;
 }
 
