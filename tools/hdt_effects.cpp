@@ -255,10 +255,10 @@ const std::vector<EffectKind> &kinds()
 {
     using J = plant_joint;
     static const std::vector<EffectKind> menu = {
-        {"payload", "kg", "a body at the flange", {{"com", 0.05}}, payload},
+        {"payload", "kg", "a body at the flange: no @JOINT", {{"com", 0.05}}, payload},
         {"link_mass", "share", "the link heavier by this share", {}, link_mass},
         {"coupling", "kg m^2", "the link's inertia larger, which other joints feel too", {}, coupling},
-        {"base_tilt", "deg", "the base tilted about a level axis at this azimuth", {{"about", 90}},
+        {"base_tilt", "deg", "the base tilted about a level axis at this azimuth: no @JOINT", {{"about", 90}},
          base_tilt},
         {"joint_offset", "rad", "the resolver's zero is off", {}, number(&J::fx_resolver_rad)},
         {"lost_counts", "counts", "the resolver jumps", {{"from", 10}}, lost_counts},
