@@ -53,7 +53,9 @@ struct Document {
     std::map<std::string, int> arrays; // array key -> tables in it
     std::map<std::string, int> lines;  // of entries and tables; absent when set by the program
 
-    // Throws InputError "path:line: key: what"; the line of the key or of the table around it.
+    // Of the key, or of the nearest table around it that has one; 0 when none.
+    int line_of(const std::string &key) const;
+    // Throws InputError "path:line: key: what" with the line_of(key).
     [[noreturn]] void fail(const std::string &key, const std::string &what) const;
     [[noreturn]] void fail_at(int line, const std::string &key, const std::string &what) const;
     bool has(const std::string &key) const { return entries.count(key) != 0; }

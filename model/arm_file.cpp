@@ -32,16 +32,20 @@ void Document::fail_at(int line, const std::string &key, const std::string &what
     throw InputError(message);
 }
 
-void Document::fail(const std::string &key, const std::string &what) const
+int Document::line_of(const std::string &key) const
 {
-    // the key itself, or the nearest table around it that has a line
     for (std::string at = key;; at.erase(at.rfind('.'))) {
         const auto found = lines.find(at);
         if (found != lines.end())
-            fail_at(found->second, key, what);
+            return found->second;
         if (at.find('.') == std::string::npos)
-            fail_at(0, key, what);
+            return 0;
     }
+}
+
+void Document::fail(const std::string &key, const std::string &what) const
+{
+    fail_at(line_of(key), key, what);
 }
 
 bool Document::has_below(const std::string &key) const
@@ -401,6 +405,11 @@ bool ArmFile::has(const std::string &key) const
 int ArmFile::count(const std::string &array_key) const
 {
     return impl_->document.count(array_key);
+}
+
+int ArmFile::line_of(const std::string &key) const
+{
+    return impl_->document.line_of(key);
 }
 
 int ArmFile::find(const std::string &array_key, const std::string &id) const

@@ -60,6 +60,8 @@ public:
     int count(const std::string &array_key) const; // tables in an array of tables, 0 when absent
     // Which of an array's tables has this id, e.g. find("joint.2.effect", "inertia"), from 1; 0 when none.
     int find(const std::string &array_key, const std::string &id) const;
+    // Line of the key as it was read, or of the nearest table around it that has one; 0 when none.
+    int line_of(const std::string &key) const;
     Quantity get(const std::string &key) const; // throws InputError when absent
     std::string get_text(const std::string &key) const; // likewise
     void erase(const std::string &key); // with all below it; later tables of an array move up

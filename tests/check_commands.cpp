@@ -357,6 +357,35 @@ START_TEST(test_ident_says_what_it_left_out)
 }
 END_TEST
 
+START_TEST(test_gen_names_the_line_of_the_number_that_does_not_fit)
+{
+    // changed at its first place, in joint 1; the line is so many below the one on which that begins
+    const std::string arm = sh("cat $A").out;
+    const auto says = [&](const std::string &from, const std::string &to, long more,
+                          const std::string &words) {
+        const std::size_t at = arm.find(from);
+        ck_assert_msg(at != std::string::npos, "%s is not in the arm", from.c_str());
+        const long line = 1 + more + std::count(arm.begin(), arm.begin() + static_cast<long>(at), '\n');
+        const std::string said = "a.toml:" + std::to_string(line) + ": " + words;
+        spill("a.toml", std::string(arm).replace(at, from.size(), to));
+        refused(3, "$H gen a.toml --out t", said, "t");
+        refused(3, "$H sim --arm a.toml --task hold --out x.csv", said);
+    };
+    says("gear.ratio = { value = 50", "gear.ratio = { value = 20000", 0,
+         "joint.1.gear.ratio: expected a number from 2 to 10000 for the tables, found 20000");
+    says("limits.speed = { value = 1", "limits.speed = { value = 100", 0, "joint.1.limits.speed: expected");
+    says("velocity_cutoff = { value = 200", "velocity_cutoff = { value = 0.01", 0,
+         "control.velocity_cutoff:");
+    // the second effect, the first line of its kind
+    const std::string known = ", confidence = \"low\", source = \"CHOSEN\" }\n", end = "# ---- joint 2";
+    says(end, "[[joint.effect]]\nid = \"torque_offset\"\ntorque = { value = 1, unit = \"N m\"" + known +
+              "[[joint.effect]]\nid = \"order_line\"\namplitude = { value = 1, unit = \"N m\"" + known +
+              "order = { value = 300000, unit = \"1\"" + known + "phase = { value = 0, unit = \"rad\"" +
+              known + "directed = false\n" + end,
+         6, "joint.1.effect (order_line 1).order: expected above 0 and below");
+}
+END_TEST
+
 START_TEST(test_words_that_cannot_be_written_are_no_success)
 {
     must(run(1, "a.csv", "") + "; " + run(1, "a.lcm", ""));
@@ -390,6 +419,7 @@ static Suite *commands_suite(void)
     tcase_add_test(t, test_effect_files_are_read_or_refused_by_line);
     tcase_add_test(t, test_a_model_is_not_written_over_itself);
     tcase_add_test(t, test_ident_says_what_it_left_out);
+    tcase_add_test(t, test_gen_names_the_line_of_the_number_that_does_not_fit);
     tcase_add_test(t, test_words_that_cannot_be_written_are_no_success);
     suite_add_tcase(s, t);
     return s;

@@ -174,12 +174,8 @@ bool uses(const hdt_tables &tables, int term)
 
 int run_gen(const std::string &path, const std::string &out)
 {
-    hdt_arm arm = rig::load_arm(path);
-    hdt_tables tables;
     hdt_gen_report report;
-    char error[512];
-    if (hdt_arm_tables(&arm, &tables, &report, error, sizeof error) != 0)
-        throw InputError(error);
+    const hdt_tables tables = rig::tables_of(rig::load_arm(path), &report);
     // PATH/pa10.toml -> pa10
     std::string stem = path.substr(path.find_last_of('/') + 1);
     stem = stem.substr(0, stem.find_last_of('.'));

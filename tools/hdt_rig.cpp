@@ -7,8 +7,10 @@
 #include <cstdio>
 #include <cstring>
 #include <random>
+#include <regex>
 
 #include "driver/drv_rt.h"
+#include "model/arm_file.hpp"
 #include "tools/hdt_effects.hpp"
 #include "tools/usage_error.hpp"
 
@@ -130,12 +132,48 @@ hdt_arm load_arm(const std::string &path)
     return arm;
 }
 
-hdt_tables tables_of(const hdt_arm &arm)
+namespace {
+
+// What the file calls a number a refusal names: "joint.2.effect (order_line 1).order" is one of
+// joint.2.effect.3, "joint.2.gear.ratio (times torque gain)" is joint.2.gear.ratio.
+std::string file_key(const ArmFile &file, const std::string &named)
+{
+    static const std::regex effect(R"((.*\.effect) \((\w+)(?: (\d+))?\)(.*))");
+    std::smatch part;
+    if (!std::regex_match(named, part, effect))
+        return named.substr(0, named.find(" ("));
+    int left = part[3].matched ? std::stoi(part[3]) : 1;
+    for (int i = 1; i <= file.count(part[1]); i++) {
+        const std::string key = part[1].str() + "." + std::to_string(i);
+        if (file.get_text(key + ".id") == part[2] && --left == 0)
+            return key + part[4].str();
+    }
+    return part[1];
+}
+
+// "FILE: key: ..." to "FILE:line: key: ..."; as it is where the file no longer says the same.
+std::string with_line(const hdt_arm &arm, const std::string &refusal)
+{
+    const std::string path = arm.path, rest = refusal.substr(std::min(refusal.size(), path.size() + 2));
+    try {
+        const ArmFile file = ArmFile::load(path);
+        const int line = file.line_of(file_key(file, rest.substr(0, rest.find(": "))));
+        if (line > 0 && std::equal(arm.digest, arm.digest + sizeof arm.digest, file.arm().digest))
+            return path + ":" + std::to_string(line) + ": " + rest;
+    } catch (const InputError &) {
+        return refusal;
+    }
+    return refusal;
+}
+
+} // namespace
+
+hdt_tables tables_of(const hdt_arm &arm, hdt_gen_report *report)
 {
     hdt_tables tables;
     char error[512];
-    if (hdt_arm_tables(&arm, &tables, nullptr, error, sizeof error) != 0)
-        throw InputError(error);
+    if (hdt_arm_tables(&arm, &tables, report, error, sizeof error) != 0)
+        throw InputError(with_line(arm, error));
     return tables;
 }
 

@@ -24,9 +24,10 @@ namespace hdt::rig {
 // Throws InputError when the file lacks what a plant needs.
 plant_model plant_from_arm(const hdt_arm &arm, uint64_t individual);
 
-// Load an arm or throw InputError; make its tables or throw InputError.
+// Load an arm or throw InputError; make its tables or throw InputError, with the line of the file where the
+// number stands that does not fit.  report may be null.
 hdt_arm load_arm(const std::string &path);
-hdt_tables tables_of(const hdt_arm &arm);
+hdt_tables tables_of(const hdt_arm &arm, hdt_gen_report *report = nullptr);
 
 // A task's samples as the host takes them; keeps the memory.
 class FixedReference {
