@@ -7,7 +7,7 @@
 #include <cstdio>
 #include <cstring>
 #include <random>
-#include <regex>
+#include <sstream>
 
 #include "driver/drv_rt.h"
 #include "model/arm_file.hpp"
@@ -138,17 +138,21 @@ namespace {
 // joint.2.effect.3, "joint.2.gear.ratio (times torque gain)" is joint.2.gear.ratio.
 std::string file_key(const ArmFile &file, const std::string &named)
 {
-    static const std::regex effect(R"((.*\.effect) \((\w+)(?: (\d+))?\)(.*))");
-    std::smatch part;
-    if (!std::regex_match(named, part, effect))
-        return named.substr(0, named.find(" ("));
-    int left = part[3].matched ? std::stoi(part[3]) : 1;
-    for (int i = 1; i <= file.count(part[1]); i++) {
-        const std::string key = part[1].str() + "." + std::to_string(i);
-        if (file.get_text(key + ".id") == part[2] && --left == 0)
-            return key + part[4].str();
+    const std::size_t open = named.find(" ("), close = named.find(')');
+    const std::string head = named.substr(0, open);
+    if (close == std::string::npos || file.count(head) == 0)
+        return head;
+    std::istringstream bracket(named.substr(open + 2, close - open - 2));
+    std::string id;
+    int which;
+    if (!(bracket >> id >> which))
+        which = 1;
+    for (int i = 1; i <= file.count(head); i++) {
+        const std::string key = head + "." + std::to_string(i);
+        if (file.get_text(key + ".id") == id && --which == 0)
+            return key + named.substr(close + 1);
     }
-    return part[1];
+    return head;
 }
 
 // "FILE: key: ..." to "FILE:line: key: ..."; as it is where the file no longer says the same.
