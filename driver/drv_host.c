@@ -4,6 +4,8 @@
 
 #include <string.h>
 
+#include "ctrl/hdt_q.h"
+
 #define Q24 16777216.0
 #define ONE_Q32 ((uint64_t)1 << 32)
 #define END_S 0.5 /* 'E' is repeated this long before the end counts as unconfirmed */
@@ -74,8 +76,7 @@ static void plan_approach(struct drv_host *h)
     double farthest = 0.0;
     for (unsigned j = 0; j < h->ref.joints; j++) {
         const struct hdt_joint_tab *tab = &h->cycle.core.tables->joint[j];
-        int32_t q = h->out.q[j].raw;
-        h->from_q24[j] = q < tab->q_min_q24 ? tab->q_min_q24 : q > tab->q_max_q24 ? tab->q_max_q24 : q;
+        h->from_q24[j] = (int32_t)hdt_clamp(h->out.q[j].raw, tab->q_min_q24, tab->q_max_q24);
         double d = ((double)h->ref.q[j].raw - (double)h->from_q24[j]) / Q24;
         if ((h->ref.active >> j & 1u) && (d < 0 ? -d : d) > farthest)
             farthest = d < 0 ? -d : d;

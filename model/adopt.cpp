@@ -6,8 +6,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <functional>
+
+#include "model/text.hpp"
 
 namespace hdt {
 
@@ -478,25 +479,18 @@ void adopt_friction(ArmFile *file, const JointWork &w, const VectorXd &change, c
 
 namespace {
 
-std::string words(const char *format, double a, double b = 0, double c = 0)
-{
-    char buf[256];
-    std::snprintf(buf, sizeof buf, format, a, b, c);
-    return buf;
-}
-
 // A payload that the runs declare is theirs: no number of the file changes what is computed for them.
 std::string why_declared(const Carried &known, const Found &f)
 {
     const std::string instead = "in place of the model file's: put into the logs what they carry";
     if (!known.alike)
-        return words("runs declare payloads of their own (payload_kg %.4g to %.4g) ", known.least_kg,
-                     known.most_kg)
-               + instead + words(", by these runs %+.4g kg beside what each declares", (*f.chain_theta)[0]);
+        return filled("runs declare payloads of their own (payload_kg %.4g to %.4g) ", known.least_kg,
+                      known.most_kg)
+               + instead + filled(", by these runs %+.4g kg beside what each declares", (*f.chain_theta)[0]);
     const Payload p = whole_payload(known.least_kg, known.com_m, f);
-    return words("these runs declare a payload of their own (payload_kg = %.4g) ", known.least_kg) + instead
-           + words(", by these runs payload_kg = %.4g,", p.mass)
-           + words(" payload_com_m = %.3g %.3g %.3g", p.com[0], p.com[1], p.com[2]);
+    return filled("these runs declare a payload of their own (payload_kg = %.4g) ", known.least_kg) + instead
+           + filled(", by these runs payload_kg = %.4g,", p.mass)
+           + filled(" payload_com_m = %.3g %.3g %.3g", p.com[0], p.com[1], p.com[2]);
 }
 
 std::string adopt_payload(ArmFile *file, const JointWork &w, const Found &payload)
@@ -504,7 +498,7 @@ std::string adopt_payload(ArmFile *file, const JointWork &w, const Found &payloa
     const Carried known = carried(w);
     const double least_kg = known.least_kg + (*payload.chain_theta)[0];
     if (!(least_kg > 0))
-        return words("it would leave a payload of %.3g kg", least_kg);
+        return filled("it would leave a payload of %.3g kg", least_kg);
     if (known.declared)
         return why_declared(known, payload);
     const Payload p = whole_payload(known.least_kg, known.com_m, payload);

@@ -11,6 +11,7 @@
 #include <thread>
 
 #include "model/diagnose_parts.hpp"
+#include "model/text.hpp"
 
 namespace hdt {
 
@@ -223,8 +224,8 @@ Works make_works(const hdt_arm &arm, RunBlocks fit, const RunBlocks &test, const
             held += t.back().size();
         }
         if (rows < kRowsMin || held == 0) {
-            skipped->emplace_back(j + 1, text("it hardly moves: %.0f blocks to fit, %.0f held out",
-                                              static_cast<double>(rows), static_cast<double>(held)));
+            skipped->emplace_back(j + 1, filled("it hardly moves: %.0f blocks to fit, %.0f held out",
+                                                static_cast<double>(rows), static_cast<double>(held)));
             continue;
         }
         out.push_back(std::make_unique<JointWork>(arm, j, std::move(f), std::move(t)));

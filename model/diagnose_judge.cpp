@@ -10,6 +10,7 @@
 #include <cmath>
 
 #include "model/next_run.hpp"
+#include "model/text.hpp"
 
 namespace hdt::diag {
 
@@ -62,7 +63,7 @@ std::vector<Candidate> list_candidates(const JointWork &w, const Gates &gates)
         c.gain_nm = (ms < 0 ? -1 : 1) * std::sqrt(std::abs(ms));
         c.note = s.note;
         if (c.note.empty() && s.p_adjusted <= 0.05 && s.rms_nm < w.gate_nm)
-            c.note = text("real but below %.2g N.m", w.gate_nm);
+            c.note = filled("real but below %.2g N.m", w.gate_nm);
         tried.push_back(std::move(c));
     };
     for (const Score &s : w.scores)
@@ -122,8 +123,8 @@ std::string next_experiment(const hdt_arm &arm, const JointWork &w, const JointE
                             const JointDiagnosis &d, std::size_t runs)
 {
     if (runs < kRunsMin)
-        return text("record %.0f more runs of 40 s, each with its own seed: ",
-                    static_cast<double>(kRunsMin + 2 - runs))
+        return filled("record %.0f more runs of 40 s, each with its own seed: ",
+                      static_cast<double>(kRunsMin + 2 - runs))
                + host_line(arm, "excite:seed=1,seconds=40");
     if (d.effects.empty())
         return "";
@@ -139,11 +140,11 @@ std::string next_experiment(const hdt_arm &arm, const JointWork &w, const JointE
         if (n.task.empty() || n.separation < kSeparates)
             return "no task of the menu tells " + id + " from "
                    + (n.rival.empty() ? d.ambiguous_with[0] : n.rival)
-                   + (n.task.empty() ? "" : text(": at most %.2g of the noise floor apart", n.separation));
-        return (n.payload_kg > 0 ? text("with a known %.3g kg 0.05 m beyond the flange: ", n.payload_kg)
+                   + (n.task.empty() ? "" : filled(": at most %.2g of the noise floor apart", n.separation));
+        return (n.payload_kg > 0 ? filled("with a known %.3g kg 0.05 m beyond the flange: ", n.payload_kg)
                                  : std::string())
                + host_line(arm, n.task) + " (" + id + " and " + n.rival
-               + text(" would be %.2g of the noise floor apart, %.2g in these runs)", n.separation,
+               + filled(" would be %.2g of the noise floor apart, %.2g in these runs)", n.separation,
                       n.at_hand);
     }
     if (id == "external_vibration")
@@ -257,19 +258,19 @@ std::string judge(const JointWork &w, const JointEstimate &e, const Independent 
     const bool falls = rms(h.after) < kClearFall * std::min(rms(h.before), rms(h.refit));
     if (!falls && (!(gain > 0) || rms(h.after) > std::min(limit, kWorse * rms(h.before)))) {
         d->verdict = "suspect";
-        return text("it does not help on the held-out runs (%.3g N.m as given, %.3g with friction fitted "
-                    "again, %.3g with it)",
+        return filled("it does not help on the held-out runs (%.3g N.m as given, %.3g with friction fitted "
+                      "again, %.3g with it)",
                     rms(h.before), rms(h.refit), rms(h.after));
     }
     if (unnamed && d->effects.size() == 1 && fall < kUnnamedFall) {
         d->verdict = "suspect";
-        return text("an axis without a name has to take %.0f %% off the held-out error, and takes %.1f %%",
-                    100 * kUnnamedFall, 100 * fall);
+        return filled("an axis without a name has to take %.0f %% off the held-out error, and takes %.1f %%",
+                      100 * kUnnamedFall, 100 * fall);
     }
     if (runs.count < kRunsMin && !(runs.may_name && fall >= kFewRunsFall)) {
         d->verdict = "suspect";
-        return text("%.0f independent run(s) are too few to name it (held-out error would go from %.3g to "
-                    "%.3g N.m; --few-runs adopts it)",
+        return filled("%.0f independent run(s) are too few to name it (held-out error would go from %.3g to "
+                      "%.3g N.m; --few-runs adopts it)",
                     static_cast<double>(runs.count), rms(h.before), rms(h.after));
     }
     return "";

@@ -77,7 +77,6 @@ Judged judge_whole_or_part(const hdt_arm &arm, JointWork &w, const Found &axis, 
 void adopt(ArmFile *model, const Works &works, const std::vector<Start> &start, std::vector<Judged> *judged);
 
 // diagnose_words.cpp: the verdict as a sentence, when it is known what the model holds.
-std::string text(const char *format, double a, double b = 0, double c = 0);
 void put_all_words(const Independent &runs, const Start &start, const std::vector<Event> &events, Judged *g);
 
 // diagnose_pictures.cpp: points and lines for the report, held-out runs.

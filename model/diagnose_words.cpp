@@ -5,16 +5,10 @@
 #include "model/diagnose_parts.hpp"
 
 #include <algorithm>
-#include <cstdio>
+
+#include "model/text.hpp"
 
 namespace hdt::diag {
-
-std::string text(const char *format, double a, double b, double c)
-{
-    char buf[256];
-    std::snprintf(buf, sizeof buf, format, a, b, c);
-    return buf;
-}
 
 namespace {
 
@@ -30,8 +24,8 @@ std::string numbers(const Effect &e)
 {
     std::string out;
     for (const EffectParameter &p : e.parameters)
-        out += (out.empty() ? "" : ", ") + p.name + " " + text("%.4g", p.value)
-               + (p.sigma > 0 ? text(" +- %.2g", p.sigma) : "");
+        out += (out.empty() ? "" : ", ") + p.name + " " + filled("%.4g", p.value)
+               + (p.sigma > 0 ? filled(" +- %.2g", p.sigma) : "");
     return out;
 }
 
@@ -43,9 +37,9 @@ std::string nothing_adopted(const JointDiagnosis &d)
         if (e.adopted)
             ids.push_back(e.id);
     if (ids.empty())
-        return "nothing is adopted; held-out error" + text(" %.3g N.m", d.rms_before_nm);
+        return "nothing is adopted; held-out error" + filled(" %.3g N.m", d.rms_before_nm);
     return "only what other joints show of the whole arm is adopted (" + list(ids) + "); held-out error"
-           + text(" %.3g -> %.3g N.m", d.rms_before_nm, d.rms_after_nm);
+           + filled(" %.3g -> %.3g N.m", d.rms_before_nm, d.rms_after_nm);
 }
 
 std::string nothing_found(const JointDiagnosis &d)
@@ -53,17 +47,18 @@ std::string nothing_found(const JointDiagnosis &d)
     if (!d.unexplained())
         return "Nothing is missing that these runs could show";
     return "Something is missing that no effect explains on runs left out: "
-           + text("%.2g times the noise floor is left", d.rms_after_nm / d.noise_floor_nm);
+           + filled("%.2g times the noise floor is left", d.rms_after_nm / d.noise_floor_nm);
 }
 
 void put_words(std::size_t runs, JointDiagnosis *d, const std::string &doubt)
 {
-    const std::string errors = text("held-out error %.3g -> %.3g N.m (noise floor %.3g)", d->rms_before_nm,
-                                    d->rms_explained_nm, d->noise_floor_nm);
+    const std::string errors = filled("held-out error %.3g -> %.3g N.m (noise floor %.3g)", d->rms_before_nm,
+                                      d->rms_explained_nm, d->noise_floor_nm);
     const std::string few =
-        runs < kRunsMin ? text(" Only %.0f independent run(s): pieces of a run are not independent evidence.",
-                               static_cast<double>(runs))
-                        : "";
+        runs >= kRunsMin
+            ? ""
+            : filled(" Only %.0f independent run(s): pieces of a run are not independent evidence.",
+                     static_cast<double>(runs));
     std::string names;
     for (const Effect &e : d->effects)
         names += (names.empty() ? "" : " and ")
@@ -76,10 +71,10 @@ void put_words(std::size_t runs, JointDiagnosis *d, const std::string &doubt)
                    + " with a table over that axis.";
     else if (d->verdict == "suspect")
         d->words = "Perhaps " + names + ", but " + doubt + "; " + nothing_adopted(*d)
-                   + text(" (noise floor %.3g).", d->noise_floor_nm);
+                   + filled(" (noise floor %.3g).", d->noise_floor_nm);
     else
         d->words = nothing_found(*d) + "; held-out error"
-                   + text(" %.3g N.m (noise floor %.3g).", d->rms_before_nm, d->noise_floor_nm);
+                   + filled(" %.3g N.m (noise floor %.3g).", d->rms_before_nm, d->noise_floor_nm);
     const auto is = [&](const char *id) {
         return std::any_of(d->effects.begin(), d->effects.end(), [&](const Effect &e) { return e.id == id; });
     };
@@ -95,10 +90,11 @@ void put_words(std::size_t runs, JointDiagnosis *d, const std::string &doubt)
 
 void put_friction(const Start &start, JointDiagnosis *d)
 {
-    d->words += text(" Its friction has changed: Coulomb %+.3g and %+.3g N.m", start.refit[0], start.refit[1])
-                + text(" (positive, negative), viscous %+.3g and %+.3g N.m.s/rad;", start.refit[2],
-                       start.refit[3])
-                + text(" with that in the model the held-out error is %.3g N.m.", d->rms_after_nm);
+    d->words += filled(" Its friction has changed: Coulomb %+.3g and %+.3g N.m", start.refit[0],
+                       start.refit[1])
+                + filled(" (positive, negative), viscous %+.3g and %+.3g N.m.s/rad;", start.refit[2],
+                         start.refit[3])
+                + filled(" with that in the model the held-out error is %.3g N.m.", d->rms_after_nm);
 }
 
 // The model written, and why a part of what was found is not in it.
@@ -106,7 +102,7 @@ void put_refused(JointDiagnosis *d)
 {
     if (!d->refuses())
         return;
-    d->words += text(" Of the model written it is %.3g N.m.", d->rms_after_nm);
+    d->words += filled(" Of the model written it is %.3g N.m.", d->rms_after_nm);
     for (const Effect &e : d->effects)
         if (!e.refused.empty())
             d->words += " " + (e.axis.empty() ? e.id : "The curve over " + e.axis) + " is not adopted: "
@@ -120,9 +116,9 @@ void put_events(const std::vector<Event> &events, JointDiagnosis *d)
         if (e.joint != d->joint)
             continue;
         d->events.push_back({e.run, e.from_s, e.to_s, e.kind, e.torque_nm, e.angle_rad, e.log_likelihood});
-        words += (words.empty() ? "" : ", ") + e.run + text(" from %.1f to %.1f s: ", e.from_s, e.to_s)
-                 + (e.kind == "angle" ? text("the angle off by %.2g rad", e.angle_rad)
-                                      : e.kind + text(" off by %.2g N.m", e.torque_nm));
+        words += (words.empty() ? "" : ", ") + e.run + filled(" from %.1f to %.1f s: ", e.from_s, e.to_s)
+                 + (e.kind == "angle" ? filled("the angle off by %.2g rad", e.angle_rad)
+                                      : e.kind + filled(" off by %.2g N.m", e.torque_nm));
     }
     if (!words.empty())
         d->words += " In part of a run only, left out of the fit and of the model: " + words + ".";

@@ -13,10 +13,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 
 #include "model/terms.hpp"
+#include "model/text.hpp"
 
 namespace hdt::fit {
 
@@ -33,13 +33,6 @@ const char *const inertial_unit[10] = {"kg",     "kg m",   "kg m",   "kg m",   "
 std::string joint_key(int joint, const std::string &rest)
 {
     return "joint." + std::to_string(joint + 1) + "." + rest;
-}
-
-std::string in_words(double x)
-{
-    char text[40];
-    std::snprintf(text, sizeof text, "%.3g", x);
-    return text;
 }
 
 double file_sigma(const ArmFile &file, const std::string &key)
@@ -114,11 +107,11 @@ bool split_one_way(const JointFitState &j, int way, hdt_arm_friction f[2], ArmFi
     const bool split = sum < least;
     std::string note = "joint " + std::to_string(joint + 1) + ": no motion in " + way_name[other]
                        + " direction: Coulomb friction and a constant torque are one number in these runs, "
-                       + in_words(sum) + " N m; ";
+                       + number3(sum) + " N m; ";
     if (split) {
         f[way].f0_nm = std::max(least, given.has_friction ? given.friction[way].f0_nm : 0.0);
         add_offset(joint, sign * (sum - f[way].f0_nm), sigma_of(j, F0, way, 0), file, list);
-        note += "written as a torque offset beside friction of " + in_words(f[way].f0_nm) + " N m";
+        note += "written as a torque offset beside friction of " + number3(f[way].f0_nm) + " N m";
     } else {
         note += "written as friction";
     }

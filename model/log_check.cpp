@@ -10,7 +10,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "model/log_check_run.hpp"
 #include "model/text.hpp"
@@ -24,13 +23,6 @@ namespace {
 constexpr Eigen::Index rows_min = 25; // blocks, half a second
 
 } // namespace
-
-std::string number(double x)
-{
-    char buf[32];
-    std::snprintf(buf, sizeof buf, "%.3g", x);
-    return buf;
-}
 
 bool near(double x, double value, double slack)
 {
@@ -87,8 +79,8 @@ void RunCheck::ratio(std::size_t j)
 {
     const double logged = run_.constant("ratio" + std::to_string(j + 1), joint(j).ratio);
     if (!near(logged, joint(j).ratio, 1 + 1e-6))
-        say(j, "gear_ratio", logged, joint(j).ratio, "log was written with ratio " + number(logged) +
-            ", the model has " + number(joint(j).ratio) + ": its torque and angle are not this arm's; use "
+        say(j, "gear_ratio", logged, joint(j).ratio, "log was written with ratio " + number3(logged) +
+            ", the model has " + number3(joint(j).ratio) + ": its torque and angle are not this arm's; use "
             "the model it was written with, or correct gear.ratio");
 }
 

@@ -10,6 +10,7 @@
 #include <cmath>
 
 #include "model/log_check_run.hpp"
+#include "model/text.hpp"
 
 namespace hdt::log_check {
 
@@ -28,7 +29,7 @@ constexpr double smooth_share = 0.05;       // of its own size, what an angle ch
 
 std::vector<Unit> angle_units(double ratio)
 {
-    const std::string n = number(ratio);
+    const std::string n = number3(ratio);
     return {{degree, "in degrees", "multiply by pi/180", ""},
             {ratio, "motor-side", "divide by the ratio " + n, ""},
             {degree * ratio, "motor-side and in degrees", "multiply by pi/180 and divide by " + n, ""},
@@ -82,7 +83,7 @@ bool RunCheck::time_units()
     const std::string is = nearest(units, factor, unit_slack).is;
     if (is.empty() || seen < moving || (seen == 1 && joints() > 1))
         return false;
-    say(joints(), "time_units", factor, 1, "time looks " + is + ": the logged speeds are " + number(factor) +
+    say(joints(), "time_units", factor, 1, "time looks " + is + ": the logged speeds are " + number3(factor) +
         " times the rate of the angles, expected 1; give t_s in seconds");
     return true;
 }
@@ -102,7 +103,7 @@ bool RunCheck::speed_is_torque(std::size_t j)
     if (c.v.size() == 0 || good(own) || tau.r < 0.98 || !near(tau.factor, 1, place_slack))
         return false;
     say(j, "columns_swapped", tau.r, 1, "torque and speed look exchanged: the torque column goes with the "
-        "angle's rate (correlation " + number(tau.r) + "), the speed column does not (" + number(own.r) +
+        "angle's rate (correlation " + number3(tau.r) + "), the speed column does not (" + number3(own.r) +
         "); exchange tau and v");
     return true;
 }
@@ -133,7 +134,7 @@ bool RunCheck::angle_is_torque(std::size_t j)
     const double fast = quantile_abs(c.rate, 0.98);
     say(j, "columns_swapped", fast, joint(j).v_max_radps,
         "angle and torque look exchanged: the torque column moves as the angle should, and the angle column "
-        "changes by " + number(fast) + " a second where the limit is " + number(joint(j).v_max_radps)
+        "changes by " + number3(fast) + " a second where the limit is " + number3(joint(j).v_max_radps)
             + " rad/s; exchange q and tau");
     return true;
 }
@@ -145,7 +146,7 @@ bool RunCheck::speed_is_angle(std::size_t j)
     if (std::fabs(own.r) > other_r || angle.r < same_r || !near(angle.factor, 1, place_slack))
         return false;
     say(j, "columns_swapped", angle.r, 1, "angle and speed look exchanged: the angle column is the rate "
-        "of the speed column (correlation " + number(angle.r) + "); exchange q and v");
+        "of the speed column (correlation " + number3(angle.r) + "); exchange q and v");
     return true;
 }
 
@@ -176,7 +177,7 @@ void RunCheck::angle_elsewhere(std::size_t j)
             const std::string what = measured ? "angles or speeds" : "angles or references";
             say(j, "columns_swapped", own.r, 1,
                 column.name + here + " goes with the angle of joint " + there + " (correlation " +
-                    number(against(i, mine).r) + "), not with its own (" + number(own.r) + "): " + what +
+                    number3(against(i, mine).r) + "), not with its own (" + number3(own.r) + "): " + what +
                     " of joints " + here + " and " + there + " look exchanged; exchange them");
             return;
         }
@@ -196,7 +197,7 @@ double RunCheck::beyond_limits_rad(std::size_t j, double factor, double shift) c
 void RunCheck::angle(std::size_t j, double factor, const char *against)
 {
     const std::string size =
-        ": its rate is " + number(factor) + " of what " + against + " says, expected 1; ";
+        ": its rate is " + number3(factor) + " of what " + against + " says, expected 1; ";
     const Unit u = nearest(angle_units(joint(j).ratio), std::fabs(factor), unit_slack);
     if (turned(factor))
         say(j, "angle_sign", factor, 1, "angle looks turned round" + size + "change the sign of q");
@@ -209,7 +210,7 @@ void RunCheck::angle(std::size_t j, double factor, const char *against)
 
 void RunCheck::speed(std::size_t j, double factor)
 {
-    const std::string size = ": it is " + number(factor) + " of the angle's rate, expected 1; ";
+    const std::string size = ": it is " + number3(factor) + " of the angle's rate, expected 1; ";
     const Unit u = nearest(speed_units(joint(j).ratio), std::fabs(factor), unit_slack);
     if (turned(factor))
         say(j, "velocity_sign", factor, 1, "speed looks turned round" + size +
@@ -224,7 +225,7 @@ void RunCheck::speed(std::size_t j, double factor)
 // A reference may be missed, so only a sign or a known unit counts.
 void RunCheck::reference(std::size_t j, double factor, const char *column)
 {
-    const std::string size = ": it is " + number(factor) + " of what is measured, expected 1; ";
+    const std::string size = ": it is " + number3(factor) + " of what is measured, expected 1; ";
     const Unit u = nearest(speed_units(joint(j).ratio), std::fabs(factor), unit_slack);
     if (turned(factor))
         say(j, "reference_sign", factor, 1, std::string(column) + " looks turned round" + size +
@@ -245,9 +246,9 @@ void RunCheck::limits(std::size_t j)
         return;
     const std::string also = good(if_any(c.rate, c.v)) ? " (speed alike)" : "";
     const std::string size = too_fast && beyond < limit_slack_rad
-        ? ": it changes by " + number(fast) + " rad/s, the arm's limit is " + number(a.v_max_radps) + "; "
-        : ": it goes from " + number(least) + " to " + number(most) + " rad, the arm from " +
-          number(a.q_min_rad) + " to " + number(a.q_max_rad) + "; ";
+        ? ": it changes by " + number3(fast) + " rad/s, the arm's limit is " + number3(a.v_max_radps) + "; "
+        : ": it goes from " + number3(least) + " to " + number3(most) + " rad, the arm from " +
+          number3(a.q_min_rad) + " to " + number3(a.q_max_rad) + "; ";
     const double found = beyond < limit_slack_rad ? fast : most - a.q_max_rad == beyond ? most : least;
     const double limit = beyond < limit_slack_rad ? a.v_max_radps : found == most ? a.q_max_rad : a.q_min_rad;
     for (const auto &[shift, remedy] : {std::pair(-turn, "subtract 2 pi"), std::pair(turn, "add 2 pi")})
@@ -317,7 +318,7 @@ void RunCheck::motion(std::size_t j)
     if (!told_[j])
         limits(j);
     if (!told_[j] && c.v.size() > 0 && moves(j) && std::fabs(v.r) < other_r && quantile_abs(c.v, 0.95) > 0)
-        say(j, "velocity_other", v.r, 1, "speed is not the rate of the angle: correlation " + number(v.r) +
+        say(j, "velocity_other", v.r, 1, "speed is not the rate of the angle: correlation " + number3(v.r) +
             ", expected 1; look where v comes from", false);
 }
 

@@ -20,8 +20,6 @@ constexpr double other_r = 0.5;         // they do not
 constexpr double friction_r = 0.7;      // friction is seen apart from the load
 constexpr double moves_share = 0.01;    // of the speed limit: less is standing still
 
-// "0.0198": three digits.
-std::string number(double x);
 // x within a factor of value, of the same sign.
 bool near(double x, double value, double slack);
 

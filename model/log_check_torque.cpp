@@ -9,6 +9,7 @@
 #include <cmath>
 
 #include "model/log_check_run.hpp"
+#include "model/text.hpp"
 
 namespace hdt::log_check {
 
@@ -37,7 +38,7 @@ constexpr double other_share = 0.25;        // and as part of before
 
 std::vector<Unit> torque_units(double ratio)
 {
-    const std::string n = number(ratio);
+    const std::string n = number3(ratio);
     return {{1 / ratio, "motor-side", "multiply by the ratio " + n + " or export output-side torque",
              "1/ratio"},
             {ratio, "multiplied by the ratio twice", "divide by the ratio " + n, "the ratio"},
@@ -138,7 +139,7 @@ bool RunCheck::torque_sign(std::size_t j, const TorqueShare &s)
     const double least_r = load().nm.empty() ? friction_r_massless : friction_r;
     if (s.friction_r < least_r || s.friction_nm >= 0)
         return false;
-    const std::string size = ": friction acts along the motion with " + number(-s.friction_nm) +
+    const std::string size = ": friction acts along the motion with " + number3(-s.friction_nm) +
                              " N m, it should oppose it; ";
     if (angle_turned(j))
         say(j, "angle_sign", s.friction_nm, -s.friction_nm, "angle looks turned round" + size +
@@ -156,7 +157,7 @@ void RunCheck::load_sign(std::size_t j, const TorqueShare &s)
     if (s.friction_r < friction_r || s.load_r < load_r || s.load_sd_nm < load_sd_share * friction_nm ||
         !near(s.load, -1, 2))
         return;
-    say(j, "load_sign", s.load, 1, "load looks turned round: it is " + number(s.load) + " of what the model "
+    say(j, "load_sign", s.load, 1, "load looks turned round: it is " + number3(s.load) + " of what the model "
         "expects while friction opposes the motion as it should; is the joint's positive direction the "
         "model's, and base.gravity the way the arm is mounted?");
 }
@@ -177,12 +178,12 @@ void RunCheck::torque_size(const std::vector<double> &factor)
         const std::string looks = u.is.empty() ? "torque is of another size" : "torque looks " + u.is;
         const std::string remedy = u.is.empty() ? "; look at its unit and side" : "; " + u.remedy;
         if (far)
-            say(j, kind_of(u, ratio), factor[j], 1, looks + ": it is " + number(factor[j]) + " of what the "
-                "model expects, " + (u.is.empty() ? "expected 1" : u.why + " is " + number(u.factor)) +
+            say(j, kind_of(u, ratio), factor[j], 1, looks + ": it is " + number3(factor[j]) + " of what the "
+                "model expects, " + (u.is.empty() ? "expected 1" : u.why + " is " + number3(u.factor)) +
                 remedy);
         else
-            say(j, kind_of(u, ratio), reached, motor_nm, looks + ": it reaches " + number(reached) +
-                " N m, the motor's largest is " + number(motor_nm) + " at the output" + remedy);
+            say(j, kind_of(u, ratio), reached, motor_nm, looks + ": it reaches " + number3(reached) +
+                " N m, the motor's largest is " + number3(motor_nm) + " at the output" + remedy);
     }
 }
 
@@ -194,7 +195,7 @@ void RunCheck::torque_constant(const std::vector<TorqueShare> &share)
         factor.push_back(s.whole_r > same_r ? s.whole : 0);
     const Spread all = spread_of(factor);
     if (alike(all, constant_slack) && !near(all.middle, 1, constant_least))
-        say(joints(), "torque_scale", all.middle, 1, "torque of all joints is " + number(all.middle) +
+        say(joints(), "torque_scale", all.middle, 1, "torque of all joints is " + number3(all.middle) +
             " of what the model expects, expected 1: is gear.ratio or the torque constant right?", false);
 }
 
@@ -241,7 +242,7 @@ bool RunCheck::exchanged(std::size_t i, std::size_t k, const std::vector<double>
         for (const auto &[a, b] : {std::pair(i, k), std::pair(k, i)})
             say(a, r.kind, std::sqrt(own[a]), std::sqrt(most), std::string(r.what) +
                 " looks to be that of joint " + std::to_string(b + 1) + ": the model misses " +
-                number(100 * std::sqrt(own[a])) + " % of the torque, and " + number(100 * std::sqrt(most)) +
+                number3(100 * std::sqrt(own[a])) + " % of the torque, and " + number3(100 * std::sqrt(most)) +
                 " % with the two exchanged; " + r.remedy);
         return true;
     }

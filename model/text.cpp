@@ -113,6 +113,18 @@ std::string number17(double value)
     return digits;
 }
 
+std::string number3(double value)
+{
+    return filled("%.3g", value);
+}
+
+std::string filled(const char *format, double a, double b, double c)
+{
+    char sentence[256];
+    std::snprintf(sentence, sizeof sentence, format, a, b, c);
+    return sentence;
+}
+
 std::string hex(const unsigned char *bytes, std::size_t count)
 {
     std::string out;

@@ -47,6 +47,12 @@ void append_number(std::string &out, double value);
 // Seventeen digits, which read back as the same double; no -0.
 std::string number17(double value);
 
+// "0.0198": three digits, for messages.
+std::string number3(double value);
+
+// A sentence's numbers put into it: printf's conversions of a double, up to three.
+std::string filled(const char *format, double a, double b = 0, double c = 0);
+
 // Two digits a byte.
 std::string hex(const unsigned char *bytes, std::size_t count);
 

@@ -64,7 +64,7 @@ Vectors read(const std::string &path)
 double allowance(int term, const hdt_gen_report &report)
 {
     // inertia is reported at the largest acceleration, which no vector has
-    return (term == HDT_TERM_INERTIA ? 0 : report.term_nm[term]) + 1e-4;
+    return term == HDT_TERM_INERTIA ? 1e-4 : report.term_nm[term] + 5e-5;
 }
 
 // A wind-up line at a load, N m.

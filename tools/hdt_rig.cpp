@@ -165,7 +165,7 @@ std::string with_line(const hdt_arm &arm, const std::string &refusal)
         if (line > 0 && std::equal(arm.digest, arm.digest + sizeof arm.digest, file.arm().digest))
             return path + ":" + std::to_string(line) + ": " + rest;
     } catch (const InputError &) {
-        return refusal;
+        // said without the line
     }
     return refusal;
 }
